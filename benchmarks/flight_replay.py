@@ -37,8 +37,8 @@ from sensor_msgs.msg import PointCloud2
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
-from flight_player import Disturbance, Flight, FlightPlayer  # noqa: E402
-from flight_replay import Errors, compare, own_poses  # noqa: E402
+from flight_player import Disturbance, FlightPlayer  # noqa: E402
+from flight_replay import Errors, Flight, compare, own_poses  # noqa: E402
 
 from ftp_dent_ros.cloud.cloud import Cloud  # noqa: E402
 from ftp_dent_ros.navigation import frames  # noqa: E402

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import math
+from array import array
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
@@ -19,7 +20,14 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import ConfigurationError, InputError
 
 T = TypeVar('T')
-_WORDS = {float: 'a finite number', int: 'a whole number', bool: 'true or false', str: 'a text'}
+_WORDS = {
+    float: 'a finite number',
+    int: 'a whole number',
+    bool: 'true or false',
+    str: 'a text in quotes',
+}
+# An array is what ROS has a list of numbers in.
+_LISTS = (list, tuple, np.ndarray, array)
 _TYPES: dict[type, Any] = {int: (int, np.integer), bool: bool, str: str}
 
 
@@ -95,7 +103,7 @@ def conforming(hint: Any, value: Any) -> Any:
         if limits.repeats:
             words = f'one or {words}'
             value = [value] * count if is_number(value) else value
-        good = isinstance(value, (list, tuple, np.ndarray)) and all(map(is_number, value))
+        good = isinstance(value, _LISTS) and all(map(is_number, value))
         good = good and 0 < len(value) == (count or len(value)) and limits.allow(value)
         made: Any = tuple(map(float, value)) if good else value
     elif kind in _WORDS:

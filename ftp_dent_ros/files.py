@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ftp_dent_ros.errors import ConfigurationError, InputError
+from ftp_dent_ros.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -100,44 +100,29 @@ def content_id(path: str | os.PathLike[str]) -> str:
 
 
 def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
-    """Write an image as OpenCV has it (grey, BGR or BGRA) as PNG; the file is whole or not there.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
+    """Write an image as OpenCV has it (grey, BGR or BGRA) as PNG, as of `write_atomically`."""
     # Taken only here: most of what reads and writes files has no images.
     import cv2
 
-    done, data = cv2.imencode('.png', image)
-    try:
-        with write_atomically(path) as temporary:
-            temporary.write_bytes(data.tobytes() if done else b'')
-    except OSError as reason:
-        raise InputError(
-            f'{path}: cannot be written ({reason.strerror}): check the path'
-        ) from None
+    _, data = cv2.imencode('.png', image)
+    with write_atomically(path) as temporary:
+        temporary.write_bytes(data.tobytes())
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise `ConfigurationError`, before minutes of work, if a file cannot be written."""
-    if why := why_not_writable(path):
-        raise ConfigurationError(f'{path}: cannot be written ({why}): give another place')
+def check_writable(path: str | os.PathLike[str], name: str = '') -> None:
+    """Raise `ConfigurationError`, before minutes of work, if a file cannot be written.
 
-
-def why_not_writable(path: str | os.PathLike[str]) -> str:
-    """Why a file cannot be written, or a folder has its name; empty if it can.
-
-    Nothing is left of the trial.
+    It calls it by a name, or by its path. Nothing is left of the trial.
     """
-    if Path(path).is_dir():
-        return os.strerror(errno.EISDIR)
     try:
+        if Path(path).is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         with tempfile.TemporaryFile(dir=nearest_folder(path)):
-            return ''
+            pass
     except OSError as reason:
-        return str(reason.strerror)
+        raise ConfigurationError(
+            f'{name or path}: cannot be written ({reason.strerror}): give another place'
+        ) from None
 
 
 def nearest_folder(path: str | os.PathLike[str]) -> Path:

@@ -14,7 +14,7 @@ from multiprocessing import get_context
 from typing import TypeVar
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.process import VARIABLES, keep_freed
+from ftp_dent_ros.process import keep_freed, one_for_blas
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
@@ -108,18 +108,12 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item], jobs: int) -
 @contextmanager
 def _pool(jobs: int) -> Iterator[futures.ProcessPoolExecutor]:
     """Fresh interpreters, started with one thread each; what has not begun ends with the block."""
-    # As many processes as cores, and no two ways to add up.
-    before = {name: os.environ.get(name) for name in VARIABLES}
-    os.environ.update(dict.fromkeys(VARIABLES, '1'))
+    one_for_blas()
     pool = futures.ProcessPoolExecutor(jobs, get_context('spawn'), _begin)
     try:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
 
 
 def _begin() -> None:

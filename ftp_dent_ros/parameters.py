@@ -11,19 +11,14 @@ import difflib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.fields import Limits, conforming
 
-_KINDS = {
-    bool: 'true or false',
-    int: 'a whole number',
-    float: 'a number',
-    str: 'a text',
-}
 # Declared by rclpy itself, or with a topic.
 _OF_ROS = ('use_sim_time', 'start_type_description_service')
 _OF_TOPICS = 'qos_overrides.'
@@ -38,12 +33,8 @@ class Declaration:
     name, default, description
         The type is that of `default`: bool, int, float, str, or a list of floats, whose length is
         then fixed.
-    minimum, maximum : float, optional
-        Range of a number, both inclusive; of each number of a list.
-    above : float, optional
-        In the place of `minimum`: exclusive.
-    choices : sequence of str
-        The only values that a text may have.
+    limits : Limits
+        What a number, each number of a list, or a text may be.
     changeable : bool
         Whether it can be set while the node runs.
     """
@@ -51,64 +42,37 @@ class Declaration:
     name: str
     default: Any
     description: str
-    minimum: float | None = None
-    maximum: float | None = None
-    above: float | None = None
-    choices: Sequence[str] = ()
-    changeable: bool = False
+    limits: Limits
+    changeable: bool
 
     def checked(self, value: Any) -> Any:
         """Value in the type of `default`; raises `ConfigurationError` if it cannot be."""
-        if isinstance(self.default, list):
-            if isinstance(value, (bool, int, float, str)) or value is None:
-                value = [] if value is None else [value]
-            if len(value) != len(self.default):
-                raise ConfigurationError(
-                    f'parameter {self.name} is {list(value)}: give {len(self.default)} numbers'
-                )
-            return [replace(self, default=0.0).checked(item) for item in value]
-        kind = type(self.default)
-        if kind is float and type(value) is int:
-            value = float(value)
-        if type(value) is not kind:
-            hint = '' if kind is not str else ' in quotes'
+        is_list = isinstance(self.default, list)
+        kind = tuple[(float,) * len(self.default)] if is_list else type(self.default)  # type: ignore[misc]
+        try:
+            made = conforming(Annotated[kind, self.limits], value)
+        except ValueError as expected:
             raise ConfigurationError(
-                f'parameter {self.name} is {value!r}: give {_KINDS[kind]}{hint}'
-            )
-        if kind is float and not math.isfinite(value):
-            raise ConfigurationError(f'parameter {self.name} is {value}: give a finite number')
-        if not self._is_within(value):
-            raise ConfigurationError(
-                f'parameter {self.name} is {value}: give a value {self._span()}'
-            )
-        if self.choices and value not in self.choices:
-            raise ConfigurationError(
-                f'parameter {self.name} is {value!r}: give {" or ".join(self.choices)}'
-            )
-        return value
-
-    def _is_within(self, value: Any) -> bool:
-        return (
-            (self.minimum is None or value >= self.minimum)
-            and (self.above is None or value > self.above)
-            and (self.maximum is None or value <= self.maximum)
-        )
-
-    def _span(self) -> str:
-        if self.above is not None:
-            until = '' if self.maximum is None else f' and up to {self.maximum:g}'
-            return f'above {self.above:g}{until}'
-        if self.maximum is None:
-            return f'of at least {self.minimum:g}'
-        if self.minimum is None:
-            return f'of at most {self.maximum:g}'
-        return f'from {self.minimum:g} to {self.maximum:g}'
+                f'parameter {self.name} is {value!r:.80}: give {expected}'
+            ) from None
+        return list(made) if is_list else made
 
 
 class Declarations(ABC):
     """Takes the declarations of one node's parameters."""
 
-    def declare(self, name: str, default: Any, description: str, **limits: Any) -> Any:
+    def declare(
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        *,
+        minimum: float = -math.inf,
+        maximum: float = math.inf,
+        above: float = -math.inf,
+        choices: Sequence[str] = (),
+        changeable: bool = False,
+    ) -> Any:
         """Declare a parameter, as a `Declaration`, and return its value.
 
         Raises
@@ -116,7 +80,8 @@ class Declarations(ABC):
         ConfigurationError
             The value that was given is of another type, out of its range, or none of the choices.
         """
-        return self.take(Declaration(name, default, description, **limits))
+        limits = Limits(minimum, maximum, above, tuple(choices))
+        return self.take(Declaration(name, default, description, limits, changeable))
 
     @abstractmethod
     def take(self, declaration: Declaration) -> Any:

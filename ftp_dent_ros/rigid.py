@@ -26,8 +26,7 @@ def move_about(error: Array, pivot: Array) -> Pose:
 
 def about(lever: Array) -> Array:
     """How an error of a pose (shift, turn) moves a point at a lever from it, shape (3, 6)."""
-    x, y, z = lever
-    return np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
+    return np.hstack([np.eye(3), -crossed(lever)])
 
 
 def moved(pose: Pose, step: Array, centre: Array) -> Pose:
@@ -62,12 +61,7 @@ def fit_move(ours: Array, theirs: Array, place: Array, pivot: Array, covariance:
 
 def crossed(vectors: Array) -> Array:
     """Matrices whose product is the cross product with vectors, shape (n, 3, 3)."""
-    matrices = np.zeros((*vectors.shape, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    matrices[..., 0, 1], matrices[..., 0, 2] = -z, y
-    matrices[..., 1, 0], matrices[..., 1, 2] = z, -x
-    matrices[..., 2, 0], matrices[..., 2, 1] = -y, x
-    return matrices
+    return np.cross(np.eye(3), vectors[..., None, :])
 
 
 def rotation_vectors(turns: Array) -> Array:

@@ -60,7 +60,7 @@ class Window:
 
     def show(self, image: NDArray[np.uint8]) -> None:
         """Show RGB pixels of shape (height, width, 3)."""
-        self._image = image
+        self._image = np.ascontiguousarray(image)
         self._draw()
 
     def refresh(self) -> None:
@@ -132,27 +132,24 @@ class Window:
 
     def _drawn(self, image: NDArray[np.uint8]) -> str:
         """Draw; what is wrong with what is seen then, or nothing."""
-        surface = self._sdl.SDL_GetWindowSurface(self._window)
-        if not surface:
+        sdl, target = self._sdl, self._sdl.SDL_GetWindowSurface(self._window)
+        if not target:
             return f'the window cannot be drawn ({self._error()})'
-        target = surface.contents
-        form = target.format.contents
-        shifts = form.Rshift, form.Gshift, form.Bshift
-        if form.BytesPerPixel != 4:
+        shown = target.contents
+        if shown.format.contents.BitsPerPixel < 24:
             return 'the desktop has fewer than 24 bits a pixel: set it to 24'
-        height, width = min(target.h, image.shape[0]), min(target.w, image.shape[1])
-        buffer = (ctypes.c_uint8 * (target.pitch * target.h)).from_address(target.pixels)
-        rows = np.frombuffer(buffer, np.uint32).reshape(target.h, target.pitch // 4)
-        packed = np.zeros((height, width), np.uint32)
-        for channel, shift in enumerate(shifts):
-            packed |= image[:height, :width, channel].astype(np.uint32) << shift
-        rows[:] = 0
-        rows[:height, :width] = packed
-        if self._sdl.SDL_UpdateWindowSurface(self._window) != 0:
+        height, width, _ = image.shape
+        source = sdl.SDL_CreateRGBSurfaceWithFormatFrom(
+            image.ctypes.data, width, height, 24, 3 * width, sdl.SDL_PIXELFORMAT_RGB24
+        )
+        sdl.SDL_FillRect(target, None, 0)
+        sdl.SDL_BlitSurface(source, None, target, None)
+        sdl.SDL_FreeSurface(source)
+        if sdl.SDL_UpdateWindowSurface(self._window) != 0:
             return f'the window cannot be drawn ({self._error()})'
-        if (target.w, target.h) != self._size:
+        if (shown.w, shown.h) != self._size:
             return (
-                f'the window of {self._size[0]}x{self._size[1]} has {target.w}x{target.h} pixels: '
+                f'the window of {self._size[0]}x{self._size[1]} has {shown.w}x{shown.h} pixels: '
                 'set the scale of the desktop to 100 %'
             )
         return ''

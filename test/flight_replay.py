@@ -1,14 +1,20 @@
-"""A recorded flight through the link's logic in virtual time, and how good its poses are."""
+"""A recorded flight through the link's logic in virtual time, and how good its poses are.
+
+A log answers nobody. TIMESYNC is answered on the recorded vehicle's own boot clock, as its
+recorded answers to another client show it, and commands are acknowledged.
+"""
 
 from __future__ import annotations
 
 import heapq
+import lzma
+import struct
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import count
+from pathlib import Path
 
 import numpy as np
-from flight_player import VEHICLE, Flight, answer
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -20,6 +26,132 @@ from ftp_dent_ros.pose import Pose
 
 _PATIENCE = 1_000_000_000
 _RETRY = 50_000_000
+VEHICLE = (1, 1)
+# TIMESYNC shows the recorded vehicle's clock as it was a few milliseconds before.
+_STAMPED_LATER = 7_000_000
+_EARTH_RADIUS, _ECCENTRICITY_SQUARED = 6378137.0, 6.69437999014e-3  # WGS 84
+
+
+@dataclass
+class Flight:
+    """Packets of a .tlog file, packed (.xz) or not.
+
+    Times are nanoseconds on the clock of the recording computer.
+    """
+
+    times: list[int] = field(default_factory=list)
+    packets: list[bytes] = field(default_factory=list)
+    messages: list[mavlink.MAVLink_message] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: Path) -> Flight:
+        data, at, flight = path.read_bytes(), 0, cls()
+        if path.suffix == '.xz':
+            data = lzma.decompress(data)
+        parser = mavlink.MAVLink(None)
+        while at < len(data):
+            (microseconds,) = struct.unpack_from('>Q', data, at)
+            magic, length, flags = data[at + 8 : at + 11]
+            size = length + (12 + 13 * (flags & 1) if magic == 0xFD else 8)
+            packet = data[at + 8 : at + 8 + size]
+            (message,) = parser.parse_buffer(packet)
+            flight.times.append(1000 * microseconds)
+            flight.packets.append(packet)
+            flight.messages.append(message)
+            at += 8 + size
+        flight._read_boot_clock()
+        return flight
+
+    def of(self, name: str) -> list[tuple[int, mavlink.MAVLink_message]]:
+        """Messages of the vehicle's of one type, with their times."""
+        return [
+            (stamp, message)
+            for stamp, message in zip(self.times, self.messages, strict=True)
+            if message.get_type() == name
+            and (message.get_srcSystem(), message.get_srcComponent()) == VEHICLE
+        ]
+
+    def _read_boot_clock(self) -> None:
+        """Follow the vehicle's clock only as far as what was recorded forces it to go.
+
+        It was read after the question was sent and before the answer came, so that an answer
+        that came late says little; what the vehicle stamped came no earlier than its stamp.
+        Where these bounds exclude what they were before, the clock has truly stepped or halted.
+        """
+        start, asked = self.times[0], dict[int, int]()
+        times, behind = [0], list[int]()
+        for stamp, message in zip(self.times, self.messages, strict=True):
+            name = message.get_type()
+            if name == 'TIMESYNC' and not message.tc1:
+                asked[message.ts1] = stamp
+            if (message.get_srcSystem(), message.get_srcComponent()) != VEHICLE:
+                continue
+            if name == 'TIMESYNC' and message.tc1 and message.ts1 in asked:
+                lower, upper = asked[message.ts1] - message.tc1, stamp - message.tc1
+            elif name in ('ATTITUDE_QUATERNION', 'LOCAL_POSITION_NED') and behind:
+                lower, upper = -(2**63), stamp - 1_000_000 * message.time_boot_ms + _STAMPED_LATER
+            else:
+                continue
+            behind.append(min(max(behind[-1] if behind else upper, lower), upper))
+            times.append(stamp - start)
+        self._clock_times = np.array(times, float)
+        self._clock_behind = np.array([behind[0], *behind], float) - start
+
+    def boot_ns(self, stamp: int) -> int:
+        """The vehicle's time since boot at a time of the recording."""
+        at = stamp - self.times[0]
+        return int(at - np.interp(at, self._clock_times, self._clock_behind))
+
+    def truth(self) -> Truth:
+        """The simulator's own record of the flight (SIM_STATE)."""
+        _, origin = self.of('GPS_GLOBAL_ORIGIN')[-1]
+        records = self.of('SIM_STATE')
+        states = [message for _, message in records]
+        latitude = np.radians(1e-7 * origin.latitude)
+        curve = 1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2
+        meridian = _EARTH_RADIUS * (1 - _ECCENTRICITY_SQUARED) / curve**1.5
+        parallel = _EARTH_RADIUS / np.sqrt(curve) * np.cos(latitude)
+        north = np.radians([1e-7 * (s.lat_int - origin.latitude) for s in states]) * meridian
+        east = np.radians([1e-7 * (s.lon_int - origin.longitude) for s in states]) * parallel
+        up = np.array([s.alt for s in states]) - 1e-3 * origin.altitude
+        return Truth(
+            [stamp for stamp, _ in records],
+            np.stack([north, east, -up], axis=1),
+            np.array([(s.q1, s.q2, s.q3, s.q4) for s in states]),
+        )
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Where the vehicle truly was.
+
+    Attributes
+    ----------
+    times : list of int
+        When each record came, nanoseconds on the clock of the recording computer.
+    position : ndarray, shape (n, 3)
+        North, east, down from the estimator's origin, metres.
+    attitude : ndarray, shape (n, 4)
+        w, x, y, z; FRD -> NED.
+    """
+
+    times: list[int]
+    position: np.ndarray
+    attitude: np.ndarray
+
+
+def answer(message: mavlink.MAVLink_message, boot_ns: int) -> mavlink.MAVLink_message | None:
+    """What the vehicle sends back to a message, at a time since its boot."""
+    if message.get_type() == 'TIMESYNC' and message.tc1 == 0:
+        return mavlink.MAVLink_timesync_message(tc1=boot_ns, ts1=message.ts1)
+    if message.get_type() == 'COMMAND_LONG':
+        return mavlink.MAVLink_command_ack_message(
+            message.command,
+            mavlink.MAV_RESULT_ACCEPTED,
+            target_system=message.get_srcSystem(),
+            target_component=message.get_srcComponent(),
+        )
+    return None
 
 
 @dataclass

@@ -9,7 +9,7 @@ import threading
 import time
 from typing import Any
 
-from flight_player import answer
+from flight_replay import answer
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _PERIOD = 0.02

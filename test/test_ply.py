@@ -1,10 +1,9 @@
-"""Clouds as files, of this package and of other programs."""
+"""Clouds as files."""
 
 import re
 
 import numpy as np
 import pytest
-from numpy.lib.recfunctions import structured_to_unstructured
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.ply import read_ply, rig_id_of, write_ply
@@ -67,43 +66,6 @@ def test_an_empty_cloud_is_written_and_read(tmp_path):
     assert not read_ply(tmp_path / 'cloud.ply')[0].valid.any()
 
 
-VERTEX = np.dtype(
-    [(name, '<f4') for name in ('x', 'y', 'z', 'intensity', 'sigma', 'resolution')]
-    + [('row', '<u2'), ('column', '<u2')]
-)
-
-
-def converted(data, order, types, extra=b''):
-    """The file as another program would write it again."""
-    head, body = data.split(b'end_header\n')
-    vertex = np.frombuffer(body, VERTEX)
-    format_of = {'': b'ascii', '<': b'binary_little_endian', '>': b'binary_big_endian'}[order]
-    head = head.replace(b'binary_little_endian', format_of)
-    for old, new, _ in types:
-        head = head.replace(b'property ' + old + b' ', b'property ' + new + b' ')
-    head += extra + b'end_header\n'
-    if not order:
-        rows = structured_to_unstructured(vertex.astype([(n, 'f8') for n in VERTEX.names]))
-        return head + b''.join(b' '.join(b'%.9g' % v for v in row) + b'\n' for row in rows)
-    numpy_of = {'f4': 'f4', 'u2': 'u2'} | {old: new for *_, (old, new) in types}
-    kind = np.dtype([(n, order + numpy_of[VERTEX[n].str[1:]]) for n in VERTEX.names])
-    return head + vertex.astype(kind).tobytes()
-
-
-WIDE = [(b'float', b'double', ('f4', 'f8')), (b'ushort', b'int32', ('u2', 'i4'))]
-
-
-@pytest.mark.parametrize(('order', 'types'), [('', []), ('>', []), ('<', WIDE), ('>', WIDE)])
-def test_other_formats_and_types_are_read(cloud, tmp_path, order, types):
-    write_ply(tmp_path / 'cloud.ply', cloud, 'map')
-    data = (tmp_path / 'cloud.ply').read_bytes()
-    (tmp_path / 'other.ply').write_bytes(converted(data, order, types))
-    read, frame_id = read_ply(tmp_path / 'other.ply')
-    assert frame_id == 'map'
-    np.testing.assert_array_equal(read.points, cloud.points)
-    np.testing.assert_array_equal(read.sigma, cloud.sigma)
-
-
 def test_a_frame_cannot_write_into_the_header(cloud, tmp_path):
     write_ply(tmp_path / 'cloud.ply', cloud, 'mäp\nelement face 9')
     assert read_ply(tmp_path / 'cloud.ply')[1] == 'm\\xe4p\\nelement face 9'
@@ -123,14 +85,9 @@ def damaged(data):
     yield 'huge count', re.sub(rb'vertex \d+', b'vertex 99999999999999', data), 'no camera has'
     yield 'no number', data.replace(b'num_rows 7', b'num_rows 7.5'), 'organised'
     yield 'digits', data.replace(b'num_rows 7', b'num_rows ' + b'7' * 5000), 'organised'
-    yield 'format', data.replace(b'binary_little', b'binary_middle'), 'format is none of'
-    yield (
-        'faces first',
-        data.replace(b'element vertex', b'element face 0\nelement vertex'),
-        'first',
-    )
-    yield 'list', data.replace(b'float z', b'list uchar int z'), 'no number'
-    yield 'type', data.replace(b'float z', b'quaternion z'), 'no number'
+    yield 'format', data.replace(b'binary_little', b'binary_middle'), 'format is not'
+    yield 'list', data.replace(b'float z', b'list uchar int z'), 'organised'
+    yield 'type', data.replace(b'float z', b'double z'), 'organised'
     yield 'twice', data.replace(b'float y', b'float x'), 'organised'
     yield 'endless header', data[:20] + b'comment x\n' * 10_000 + data[20:], 'not a PLY'
 

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ftp_dent_ros.cli import Argument, argument
 from ftp_dent_ros.dents.dent import RANGES, SmallestDent
 from ftp_dent_ros.dents.rules import Rules, read_rules
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find, why_not_writable
+from ftp_dent_ros.files import check_writable, find
 
 
 def number(
@@ -41,10 +42,7 @@ def output_folder(name: str) -> Path:
     output = Path(name)
     if output.exists() and not output.is_dir():
         raise ConfigurationError(f'--output {output} is a file: name a folder')
-    if why := why_not_writable(output / 'report'):
-        raise ConfigurationError(
-            f'--output {output} cannot be written ({why}): name another folder'
-        )
+    check_writable(output / 'report', f'--output {output}')
     return output
 
 
@@ -53,24 +51,33 @@ def rules(name: str) -> Rules:
     return read_rules(find(name))
 
 
-def add_settings_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the smallest dents; lengths are in millimetres."""
-    default = SmallestDent()
-    for name, what in (
-        ('smallest_depth', 'shallower dents are not reported'),
-        ('smallest_width', 'narrower ones are rivets, scratches and gaps'),
-    ):
-        option, (least, most) = f'--{name.replace("_", "-")}', RANGES[name]
-        parser.add_argument(
-            option,
-            type=number(option, 1e3 * least, 1e3 * most),
-            default=1e3 * getattr(default, name),
-            metavar='MM',
-            help=f'{what}; default: %(default)g',
-        )
+def output_argument(takes: str) -> Argument:
+    """The folder for results."""
+    return argument(
+        '--output', type=output_folder, required=True, metavar='DIR', help=f'takes {takes}'
+    )
 
 
-def settings_of(arguments: argparse.Namespace) -> SmallestDent:
+def _smallest(name: str, what: str) -> Argument:
+    """A limit of the dents that are looked for, in millimetres."""
+    option, (least, most) = f'--{name.replace("_", "-")}', RANGES[name]
+    return argument(
+        option,
+        type=number(option, 1e3 * least, 1e3 * most),
+        default=1e3 * getattr(SmallestDent, name),
+        metavar='MM',
+        help=f'{what}; default: %(default)g',
+    )
+
+
+RULES = argument('--rules', type=rules, metavar='RULES.yaml', help='limits to judge the dents by')
+SMALLEST = (
+    _smallest('smallest_depth', 'shallower dents are not reported'),
+    _smallest('smallest_width', 'narrower ones are rivets, scratches and gaps'),
+)
+
+
+def smallest_of(arguments: argparse.Namespace) -> SmallestDent:
     """The smallest dents that the arguments ask for."""
     return SmallestDent(arguments.smallest_depth / 1e3, arguments.smallest_width / 1e3)
 

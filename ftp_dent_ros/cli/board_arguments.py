@@ -4,40 +4,47 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import asdict
 from pathlib import Path
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.sequence import Sequence
 from ftp_dent_ros.calibration.session import FILE, Session, read_session
+from ftp_dent_ros.cli import Argument, argument
 from ftp_dent_ros.errors import ConfigurationError
 
-
-def add_board_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the board's; lengths are in millimetres, as on a ruler."""
-    parser.add_argument('--board', metavar='CxR', help='inner corners along x and y, as 10x7')
-    parser.add_argument('--square', type=float, metavar='MM', help='side of a square')
-    parser.add_argument(
+# Of the board; lengths are in millimetres, as on a ruler.
+BOARD = (
+    argument('--board', metavar='CxR', help='inner corners along x and y, as 10x7'),
+    argument('--square', type=float, metavar='MM', help='side of a square'),
+    argument(
         '--charuco', default='', metavar='DICT', help='dictionary of a ChArUco board, DICT_5X5_250'
-    )
-    parser.add_argument('--marker', type=float, default=0.0, metavar='MM', help='side of a marker')
-    parser.add_argument(
-        '--legacy', action='store_true', help='ChArUco board made before OpenCV 4.6'
-    )
+    ),
+    argument('--marker', type=float, default=0.0, metavar='MM', help='side of a marker'),
+    argument('--legacy', action='store_true', help='ChArUco board made before OpenCV 4.6'),
+)
 
 
-def add_sequence_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what is projected on the board, and the tape's measure."""
-    parser.add_argument('--projector', metavar='WxH', help="the projector's pixels, as 1280x720")
-    parser.add_argument(
-        '--period', type=int, metavar='PX', help='of shifted fringes; 0: Gray codes alone'
-    )
-    parser.add_argument('--steps', type=int, metavar='N', help='photographs a period')
-    parser.add_argument(
-        '--baseline',
-        type=float,
-        default=0.0,
-        metavar='MM',
-        help='distance between the lenses by the tape: the check that squares have the size given',
+def sequence_arguments(period: int | None = None) -> tuple[Argument, ...]:
+    """What is projected on the board, by default with fringes of a period, and the tape's."""
+    return (
+        argument('--projector', metavar='WxH', help="the projector's pixels, as 1280x720"),
+        argument(
+            '--period',
+            type=int,
+            default=period,
+            metavar='PX',
+            help='of shifted fringes; 0: Gray codes alone',
+        ),
+        argument('--steps', type=int, metavar='N', help='photographs a period'),
+        argument(
+            '--baseline',
+            type=float,
+            default=0.0,
+            metavar='MM',
+            help='distance between the lenses by the tape: the check that squares have the size '
+            'given',
+        ),
     )
 
 
@@ -75,21 +82,20 @@ def board_of(arguments: argparse.Namespace, known: Session | None = None) -> Boa
 
 
 def _sequence(arguments: argparse.Namespace, known: Session | None) -> Sequence:
-    default = known.sequence if known else None
+    # Photographs of another tool's are Gray codes, unless they say what they are.
+    values = asdict(known.sequence) if known else {'period': 0}
     if arguments.projector is not None:
-        width, height = _pair('--projector', arguments.projector)
-    elif default:
-        width, height = default.width, default.height
-    else:
+        values['width'], values['height'] = _pair('--projector', arguments.projector)
+    values |= {
+        name: getattr(arguments, name)
+        for name in ('period', 'steps')
+        if getattr(arguments, name) is not None
+    }
+    if 'width' not in values:
         raise ConfigurationError(
             "the projector's size is not known: give --projector, as 1280x720"
         )
-    period = arguments.period
-    if period is None:
-        # Photographs of another tool's are Gray codes, unless they say what they are.
-        period = default.period if default else 0
-    steps = arguments.steps or (default.steps if default else 6)
-    return Sequence(width, height, period, steps)
+    return Sequence(**values)
 
 
 def _pair(option: str, text: str) -> tuple[int, int]:

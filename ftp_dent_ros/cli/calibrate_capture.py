@@ -21,10 +21,11 @@ from ftp_dent_ros.calibration.guidance import covered, next_pose, projector_dela
 from ftp_dent_ros.calibration.observing import Observation, observe
 from ftp_dent_ros.calibration.sequence import ProjectedFrame
 from ftp_dent_ros.calibration.session import Session, read_session, see_poses, write_session
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.cli.board_arguments import (
-    add_board_arguments,
-    add_sequence_arguments,
+    BOARD,
+    sequence_arguments,
     session_of,
 )
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
@@ -33,19 +34,18 @@ if TYPE_CHECKING:
     from ftp_dent_ros.ros.photographer import Photographer
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the step's arguments."""
-    parser.add_argument('folder', type=Path, metavar='DIR', help='where the poses go; new')
-    parser.add_argument(
+ARGUMENTS = (
+    argument('folder', type=Path, metavar='DIR', help='where the poses go; new'),
+    argument(
         '--poses', type=number('--poses', 1, kind=int), default=15, help='default: %(default)s'
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--resume', action='store_true', help='go on with the poses of a capture that ended early'
-    )
-    parser.add_argument('--namespace', default='', help="of the payload's nodes, if they have one")
-    add_board_arguments(parser)
-    add_sequence_arguments(parser)
-    parser.set_defaults(period=16)
+    ),
+    argument('--namespace', default='', help="of the payload's nodes, if they have one"),
+    *BOARD,
+    *sequence_arguments(period=16),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ftp_dent_ros.calibration.rig_check import adjusted, check, check_by_board
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number
-from ftp_dent_ros.cli.board_arguments import add_board_arguments, board_of
+from ftp_dent_ros.cli.board_arguments import BOARD, board_of
 from ftp_dent_ros.errors import ConfigurationError, RefusedFrameError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern.file import read_pattern
@@ -22,29 +23,27 @@ from ftp_dent_ros.rig.rig import read_rig, write_rig
 _STRIDE = 4
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the step's arguments."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'image',
         metavar='IMAGE',
         help='photograph of a flat wall, a board or a skin under the flight pattern',
-    )
-    parser.add_argument('--rig', required=True, metavar='RIG.yaml', help='rig to check')
-    parser.add_argument('--pattern', required=True, metavar='PATTERN.yaml')
-    parser.add_argument(
-        '--skin', action='store_true', help='a smooth skin, not a wall: tells less'
-    )
-    parser.add_argument(
+    ),
+    argument('--rig', required=True, metavar='RIG.yaml', help='rig to check'),
+    argument('--pattern', required=True, metavar='PATTERN.yaml'),
+    argument('--skin', action='store_true', help='a smooth skin, not a wall: tells less'),
+    argument(
         '--flatness',
         type=number('--flatness', 0.001),
         default=0.1,
         metavar='MM',
         help='how flat wall or board are (standard deviation at the border); default: %(default)s',
-    )
-    add_board_arguments(parser)
-    parser.add_argument(
+    ),
+    *BOARD,
+    argument(
         '--adjust', type=Path, metavar='NEW.yaml', help='write the rig with the drift taken out'
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -12,33 +12,33 @@ from tqdm import tqdm
 from ftp_dent_ros.calibration.page import depth_words, write_page
 from ftp_dent_ros.calibration.session import find_poses, see_poses
 from ftp_dent_ros.calibration.solving import STEPS, Solution, solve
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import progress_bar
 from ftp_dent_ros.cli.board_arguments import (
-    add_board_arguments,
-    add_sequence_arguments,
+    BOARD,
+    sequence_arguments,
     session_of,
 )
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import check_writable
 from ftp_dent_ros.rig.rig import write_rig
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the step's arguments."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'folder',
         type=Path,
         metavar='DIR',
         help='a folder a pose, the photographs numbered as they were projected',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--output', type=Path, metavar='RIG.yaml', help='rig to write; default: DIR/rig.yaml'
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--page', type=Path, metavar='PAGE.html', help='page to write; default: beside the rig'
-    )
-    add_board_arguments(parser)
-    add_sequence_arguments(parser)
+    ),
+    *BOARD,
+    *sequence_arguments(),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

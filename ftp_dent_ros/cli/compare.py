@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 
-from ftp_dent_ros.cli.arguments import output_folder, rules
+from ftp_dent_ros.cli import argument
+from ftp_dent_ros.cli.arguments import RULES, output_argument
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, write_all_atomically
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
@@ -23,28 +24,23 @@ from ftp_dent_ros.survey.store import SurveyStore
 PAGE, TABLE = 'comparison.html', 'chart.csv'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    what = 'file of `ftp-dent survey --store`, and name of a survey in it'
-    parser.add_argument('earlier', metavar='FILE.sqlite:NAME', help=what)
-    parser.add_argument('later', metavar='FILE.sqlite:NAME', help='that of the later survey')
-    parser.add_argument(
-        '--output',
-        type=output_folder,
-        required=True,
-        metavar='DIR',
-        help=f'takes {PAGE} and {TABLE}',
-    )
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
+        'earlier',
+        metavar='FILE.sqlite:NAME',
+        help='file of `ftp-dent survey --store`, and name of a survey in it',
+    ),
+    argument('later', metavar='FILE.sqlite:NAME', help='that of the later survey'),
+    output_argument(f'{PAGE} and {TABLE}'),
+    argument(
         '--points',
         type=find,
         metavar='POINTS.yaml',
         help='three or more points of the later survey whose coordinates on the aircraft are '
         'known: all locations are given in these',
-    )
-    parser.add_argument(
-        '--rules', type=rules, metavar='RULES.yaml', help='limits to judge the dents by'
-    )
+    ),
+    RULES,
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number, progress_bar
 from ftp_dent_ros.demonstration.appraisal import (
     Figures,
@@ -38,24 +39,24 @@ SUMMARY = 'summary.json'
 REPORT = 'report'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         '--output', type=Path, default=Path('out/demo'), metavar='DIR', help='default: out/demo'
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--clouds',
         type=number('--clouds', 1, kind=int),
         default=24,
         metavar='N',
         help='tagged clouds to fly for; default: 24',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--configuration',
         default='shipped:simulation.yaml',
         metavar='CONFIG.yaml',
         help='nodes and parameters; default: %(default)s',
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,49 +6,47 @@ import argparse
 import math
 from pathlib import Path
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number, output_folder, progress_bar
 from ftp_dent_ros.evaluation.page import write_page
 from ftp_dent_ros.evaluation.study import steps, study
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         '--output',
         type=output_folder,
         default='out/evaluation',
         metavar='DIR',
         help='default: out/evaluation',
-    )
-    parser.add_argument(
-        '--quick', action='store_true', help='few photographs a row: under a minute'
-    )
-    parser.add_argument(
+    ),
+    argument('--quick', action='store_true', help='few photographs a row: under a minute'),
+    argument(
         '--pod',
         action='store_true',
         help='the probability of detection instead, of many more photographs',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--dents',
         type=number('--dents', 1, kind=int),
         default=400,
         metavar='N',
         help='with --pod; default: %(default)s',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--blanks',
         type=number('--blanks', 1, kind=int),
         default=1000,
         metavar='N',
         help='photographs without dents, with --pod; default: %(default)s',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--smallest-depth',
         type=number('--smallest-depth', 0.001, 100),
         default=0.05,
         metavar='MM',
         help='that is looked for, with --pod; default: %(default)g',
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -11,6 +11,7 @@ import queue
 import sys
 from pathlib import Path
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.link import GroundLink, Security, endpoints, make_keys
@@ -30,36 +31,31 @@ _QUEUE = 64  # items that wait to be shown
 _LAST_DOMAIN = 232  # the ports of others are beyond 65535 (DDSI-RTPS, 9.6.1)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'address',
         nargs='?',
         metavar='ADDRESS',
         help='HOST or HOST:PORT of the downlink, with tcp/ before it where no datagrams pass',
-    )
-    parser.add_argument('--keys', type=Path, metavar='DIR', help='keys of the link')
-    parser.add_argument(
-        '--open', action='store_true', help='use the link without keys beyond this machine'
-    )
-    parser.add_argument('--name', default='payload', help='name of the payload')
-    parser.add_argument(
-        '--station', default='', help="name of this ground (default: the machine's)"
-    )
-    parser.add_argument(
+    ),
+    argument('--keys', type=Path, metavar='DIR', help='keys of the link'),
+    argument('--open', action='store_true', help='use the link without keys beyond this machine'),
+    argument('--name', default='payload', help='name of the payload'),
+    argument('--station', default='', help="name of this ground (default: the machine's)"),
+    argument(
         '--domain',
         type=number('--domain', 0, _LAST_DOMAIN, int),
         metavar='N',
         help="the ground's ROS domain (default: the shell's)",
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--interface',
         default='',
         metavar='NAME|ADDRESS',
         help='the only network interface that ROS uses here: lo for this computer alone, so that '
         'ROS says nothing over the radio (default: all)',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--web',
         nargs='?',
         const='127.0.0.1:8080',
@@ -67,10 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='HOST:PORT',
         help="serve a page for browsers, and Foxglove's WebSocket (default: 127.0.0.1:8080); "
         'works without ROS too',
-    )
-    parser.add_argument(
-        '--make-keys', type=Path, metavar='DIR', help='make the keys of a link, and end'
-    )
+    ),
+    argument('--make-keys', type=Path, metavar='DIR', help='make the keys of a link, and end'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

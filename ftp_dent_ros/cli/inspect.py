@@ -12,13 +12,14 @@ from functools import partial
 from pathlib import Path
 
 from ftp_dent_ros import profilometry
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import (
-    add_settings_arguments,
+    RULES,
+    SMALLEST,
     number,
-    output_folder,
+    output_argument,
     progress_bar,
-    rules,
-    settings_of,
+    smallest_of,
 )
 from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
 from ftp_dent_ros.dents.rules import verdict
@@ -37,55 +38,47 @@ from ftp_dent_ros.rig.rig import Lens, read_rig
 _CAMERA_FRAME = 'camera_optical_frame'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'inputs',
         type=Path,
         nargs='+',
         metavar='CLOUD.ply|IMAGE|BAG',
         help='a cloud of `ftp-dent reconstruct`, a photograph, or a bag with clouds',
-    )
-    parser.add_argument(
-        '--output',
-        type=output_folder,
-        required=True,
-        metavar='DIR',
-        help='takes dents.json, dents.csv, report.html; of several inputs, a folder for each',
-    )
-    parser.add_argument(
+    ),
+    output_argument('dents.json, dents.csv, report.html; of several inputs, a folder for each'),
+    argument(
         '--rig', type=find, metavar='RIG.yaml', help='calibrated rig; needed for a photograph'
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--pattern',
         type=find,
         metavar='PATTERN.yaml',
         help='projected pattern; needed for a photograph',
-    )
-    parser.add_argument(
-        '--rules', type=rules, metavar='RULES.yaml', help='limits to judge the dents by'
-    )
-    add_settings_arguments(parser)
-    parser.add_argument(
+    ),
+    RULES,
+    *SMALLEST,
+    argument(
         '--stride', type=int, default=2, metavar='N', help="a photograph's every N-th pixel only"
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--survey',
         action='store_true',
         help="lay a bag's clouds on each other first, by the image of their skin: the report "
         'shows the whole skin, and what of it was measured',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--jobs',
         type=number('--jobs', 1, kind=int),
         metavar='N',
         help="inputs, or one bag's clouds, inspected at once; default: one a core",
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--scheduler',
         metavar='ADDRESS',
         help='inspect on the workers of this Dask scheduler, which see the same files',
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -177,7 +170,7 @@ def report_of(
             f'{path}: neither a cloud (.ply), nor a photograph, nor a bag: give one of them'
         )
     named, camera = _rig(arguments, path, measured_by)
-    inspector = CloudInspector(inspect, settings=settings_of(arguments))
+    inspector = CloudInspector(inspect, settings=smallest_of(arguments))
     if inspector.add(seen) is None:
         raise CloudError(inspector.refused[0])
     camera = camera if frame_id == _CAMERA_FRAME else None
@@ -195,7 +188,7 @@ def _of_bag(
     bag = open_bag(path)
     named, camera = _rig(arguments, path, clouds.rig_id_of(bag))
     count, _ = clouds.count_clouds(bag)
-    how = arguments.rules, settings_of(arguments)
+    how = arguments.rules, smallest_of(arguments)
     if arguments.survey:
         from ftp_dent_ros.survey.surveying import report_on_skin
 

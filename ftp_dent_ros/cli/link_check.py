@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import PoseError
 from ftp_dent_ros.navigation.link import Link, LinkState, Roster
@@ -20,42 +21,44 @@ _SHORTEST, _WELL = 5.0, 2.0
 _SETTLED_NS = 500_000_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    default = VehicleSettings()
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'address',
         help='udpin:[HOST:]PORT (listens), udpout:HOST:PORT (sends first), tcp:HOST:PORT, or the '
         'path of a serial device',
-    )
-    parser.add_argument('--baud', type=int, default=921600, help='default: %(default)s')
-    parser.add_argument(
+    ),
+    argument('--baud', type=int, default=921600, help='default: %(default)s'),
+    argument(
         '--seconds',
         type=number('--seconds', 0, 86400),
         default=15.0,
         help='how long to wait; default: %(default)s',
-    )
-    parser.add_argument(
-        '--rate', type=float, default=default.rate, help='poses a second; default: %(default)s'
-    )
-    parser.add_argument(
+    ),
+    argument(
+        '--rate',
+        type=float,
+        default=VehicleSettings.rate,
+        help='poses a second; default: %(default)s',
+    ),
+    argument(
         '--system-id', type=int, default=0, help='of the autopilot; default: the first heard'
-    )
-    parser.add_argument('--component-id', type=int, default=1, help='default: %(default)s')
-    parser.add_argument(
+    ),
+    argument('--component-id', type=int, default=1, help='default: %(default)s'),
+    argument(
         '--position-source',
         choices=('gps', 'other'),
-        default=default.position_source,
+        default=VehicleSettings.position_source,
         help='as of the bridge; default: %(default)s',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--maximum-clock-error',
         type=float,
-        default=default.maximum_clock_error,
+        default=VehicleSettings.maximum_clock_error,
         metavar='SECONDS',
         help='as of the bridge; default: %(default)s',
-    )
-    parser.add_argument('--signing-key', default='', metavar='FILE', help='as of the bridge')
+    ),
+    argument('--signing-key', default='', metavar='FILE', help='as of the bridge'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -7,13 +7,13 @@ import importlib
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.errors import FtpDentError, printable
 from ftp_dent_ros.process import keep_freed, one_for_blas
 
-# Each module has add_arguments(parser) and run(arguments) -> exit status.
+# Each is a module with `ARGUMENTS` and `run(arguments) -> exit status`, or with such `COMMANDS`.
 COMMANDS = {
     'demo': 'the whole payload on a simulated panel and autopilot',
     'up': "run a configuration's nodes and keep them running",
@@ -32,18 +32,46 @@ COMMANDS = {
     'replay': 'publish the messages of a bag',
     'recover': 'mend a bag whose recorder was killed',
 }
+# What to do where a package is not installed.
+_ADVICE = {
+    ('mcap', 'rosbags', 'lz4', 'zstandard'): (
+        "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
+        'use `ros2 bag`, which writes and reads the same bags'
+    ),
+    ('jinja2', 'matplotlib'): "install it with `pip install '.[reports]'`",
+    ('dask', 'distributed'): (
+        "install it with `pip install '.[cluster]'`, or apt's python3-distributed"
+    ),
+}
+_ELSE = 'see "Install" in the README'
 
 
-def build_parser(chosen: str | None) -> argparse.ArgumentParser:
-    """Parser with every command's name, and the arguments of the chosen one."""
+def add_commands(
+    parser: argparse.ArgumentParser, module: str, commands: Mapping[str, str], words: list[str]
+) -> None:
+    """Declare every command's name, and the arguments of the one that the words choose."""
+    choices = parser.add_subparsers(metavar='COMMAND', required=True)
+    chosen = next((word for word in words if not word.startswith('-')), None)
+    for name, summary in commands.items():
+        command = choices.add_parser(name, help=summary, description=summary.capitalize() + '.')
+        if name != chosen:
+            continue
+        path = f'{module}{name.replace("-", "_")}'
+        content = importlib.import_module(f'ftp_dent_ros.cli.{path}')
+        if hasattr(content, 'COMMANDS'):
+            add_commands(command, f'{path}_', content.COMMANDS, words[words.index(name) + 1 :])
+            continue
+        command.set_defaults(run=content.run)
+        for names, how in content.ARGUMENTS:
+            command.add_argument(*names, **how)
+
+
+def build_parser(words: list[str]) -> argparse.ArgumentParser:
+    """Parser of these words: with all that the chosen command takes."""
     parser = argparse.ArgumentParser(prog='ftp-dent')
     parser.description = 'Single-shot fringe projection: photographs to clouds with a pose.'
     parser.add_argument('--version', action='version', version=__version__)
-    commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    for name, summary in COMMANDS.items():
-        sub = commands.add_parser(name, help=summary, description=summary.capitalize() + '.')
-        if name == chosen:
-            _module(name).add_arguments(sub)
+    add_commands(parser, '', COMMANDS, words)
     return parser
 
 
@@ -61,20 +89,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors='backslashreplace')
     keep_freed()
     try:
-        parsed = build_parser(chosen).parse_args(words)
-        status = _module(parsed.command).run(parsed)
+        parsed = build_parser(words).parse_args(words)
+        status: int = parsed.run(parsed)
         sys.stdout.flush()
         return status
     except FtpDentError as error:
-        print(f'ftp-dent {chosen}: {error}', file=sys.stderr)
-        return 2
+        sentence = str(error)
     except ModuleNotFoundError as error:
         package = (error.name or str(error)).split('.')[0]
         if package == 'ftp_dent_ros':
             raise
-        needs = f'needs the Python package {package}, which is not installed: {_advice(package)}'
-        print(f'ftp-dent {chosen}: {needs}', file=sys.stderr)
-        return 2
+        advice = next((text for names, text in _ADVICE.items() if package in names), _ELSE)
+        sentence = f'needs the Python package {package}, which is not installed: {advice}'
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -85,26 +111,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A file, disk or network that nobody who knows more has spoken for.
         name = error.filename if error.filename2 is None else error.filename2
         what = '' if name is None else f'{printable(str(name))}: '
-        reason = f'{what}{error.strerror or error}: check path, permissions and disk'
-        print(f'ftp-dent {chosen}: {reason}', file=sys.stderr)
-        return 2
-
-
-def _module(command: str):
-    return importlib.import_module(f'ftp_dent_ros.cli.{command.replace("-", "_")}')
-
-
-def _advice(package: str) -> str:
-    if package in ('mcap', 'rosbags', 'lz4', 'zstandard'):
-        return (
-            "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
-            'use `ros2 bag`, which writes and reads the same bags'
-        )
-    if package in ('jinja2', 'matplotlib'):
-        return "install it with `pip install '.[reports]'`"
-    if package in ('dask', 'distributed'):
-        return "install it with `pip install '.[cluster]'`, or apt's python3-distributed"
-    return 'see "Install" in the README'
+        sentence = f'{what}{error.strerror or error}: check path, permissions and disk'
+    print(f'ftp-dent {chosen}: {sentence}', file=sys.stderr)
+    return 2
 
 
 if __name__ == '__main__':

@@ -5,30 +5,28 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import cv2
-import numpy as np
-
-from ftp_dent_ros.errors import ImageError, PatternError
-from ftp_dent_ros.files import find, write_atomically
+from ftp_dent_ros.cli import argument
+from ftp_dent_ros.errors import PatternError
+from ftp_dent_ros.files import find, write_png
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.file import read_pattern, write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.file import read_photograph
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'pattern',
         metavar='PATTERN',
         help='PATTERN.yaml to draw, or a drawn PATTERN.png to read back',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--output',
         type=Path,
         required=True,
         metavar='FILE',
         help='PATTERN.png, the pixels to project, or PATTERN.yaml, their numbers',
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -42,9 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     if output.suffix.lower() == '.yaml':
         write_pattern(output, pattern)
     else:
-        _, data = cv2.imencode('.png', pattern.draw()[..., ::-1])
-        with write_atomically(output) as temporary:
-            temporary.write_bytes(data.tobytes())
+        write_png(output, pattern.draw()[..., ::-1])
     print(f'{output}: {pattern.width}x{pattern.height} pixels, {_sentence(pattern)}')
     return 0
 
@@ -53,15 +49,9 @@ def _read(path: Path) -> Pattern:
     """Pattern of its file, or of an image of it."""
     if path.suffix.lower() != '.png':
         return read_pattern(path)
+    photograph = read_photograph(path)
     try:
-        data = np.fromfile(path, np.uint8)
-    except OSError as reason:
-        raise ImageError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    if image is None:
-        raise ImageError(f'{path}: empty, damaged or not an image: draw it again')
-    try:
-        return pattern_from_image(np.ascontiguousarray(image[..., ::-1]).astype(np.uint8))
+        return pattern_from_image(photograph.shown())
     except PatternError as reason:
         raise PatternError(f'{path}: {reason}') from None
 

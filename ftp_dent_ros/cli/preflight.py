@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -16,17 +14,18 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
-from ftp_dent_ros.dents.dent import SmallestDent as Smallest
+from ftp_dent_ros.cli import argument
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CameraError, ConfigurationError
-from ftp_dent_ros.files import find, nearest_folder
-from ftp_dent_ros.parameters import flat
+from ftp_dent_ros.files import nearest_folder
+from ftp_dent_ros.nodes.declarations import settings_of
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.photographer import Photographer
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
 from ftp_dent_ros.supervision.configuration import NodeEntry, read_configuration
+from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
 # No projector is later, nanoseconds.
 _SETTLED_NS = 200_000_000
@@ -41,12 +40,12 @@ _LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
 States = dict[str, tuple[int, DiagnosticStatus]]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('configuration', metavar='CONFIG.yaml', help='of the running payload')
-    parser.add_argument(
+ARGUMENTS = (
+    argument('configuration', metavar='CONFIG.yaml', help='of the running payload'),
+    argument(
         '--bags', type=Path, default=Path(), metavar='DIR', help='where bags will go; default: .'
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -55,23 +54,25 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ('pattern_publisher', 'camera_capture', 'reconstruction'):
         if name not in entries:
             raise ConfigurationError(f'{arguments.configuration}: runs no {name}: add it')
+    # Every other tells its state.
+    telling = {e.name: e for e in entries.values() if e.executable != SIMULATED_AUTOPILOT}
     namespace = entries['reconstruction'].namespace
     remap = ['-r', f'__ns:={namespace}'] if namespace != '/' else []
     with session('preflight', remap) as (node, stop):
         states = _listen(node)
         photographer = Photographer(node, stop)
         try:
-            photographer.waited_for(lambda: all(_heard(states, entries)), _HEARD)
+            photographer.waited_for(lambda: _heard(states, telling), _HEARD)
             size = photographer.projector_size()
             findings = _photographs(photographer, size, entries)
             # What a node said before it saw the pattern tells nothing of it now.
             end = photographer.now_ns()
-            photographer.waited_for(lambda: all(_heard(states, entries, end)), _HEARD)
+            photographer.waited_for(lambda: _heard(states, telling, end), _HEARD)
         except CameraError as reason:
             findings = [Finding('payload', NO, str(reason))]
         finally:
             photographer.close()
-    findings += _nodes(states, entries)
+    findings += [_judged(entry, states) for entry in telling.values()]
     findings.append(_disk(arguments.bags))
     width = max(len(finding.name) for finding in findings)
     for finding in findings:
@@ -88,10 +89,15 @@ def _photographs(
     photographer: Photographer, size: tuple[int, int], entries: Mapping[str, NodeEntry]
 ) -> list[Finding]:
     pattern = pattern_from_image(photographer.projected())
-    rig = read_rig(find(_parameter(entries['reconstruction'], 'rig', '')))
+    camera, reconstruction = (
+        settings_of(entries[name]) for name in ('camera_capture', 'reconstruction')
+    )
+    rig = reconstruction.rig
+    if rig is None:
+        where = entries['reconstruction'].file
+        raise ConfigurationError(f'{where}: reconstruction has no rig: set the parameter rig')
     pattern.check_fits(rig.projector)
-    stride = int(_parameter(entries['reconstruction'], 'stride', Settings().stride))
-    reconstructor = Reconstructor(rig, pattern, Settings(stride=stride))
+    reconstructor = Reconstructor(rig, pattern, Settings(stride=reconstruction.stride))
     white, _ = photographer.photograph(
         photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
     )
@@ -106,11 +112,12 @@ def _photographs(
         image, stamp_ns = photographer.photograph(shown, colour=True)
         ages.append((photographer.now_ns() - stamp_ns) / 1e9)
         fringes.append(image)
-    exposure = float(_parameter(entries['camera_capture'], 'device.exposure', 0.0))
-    smallest = _smallest(entries.get('dent_inspector'))
+    exposure, smallest = camera.exposure, SmallestDent()
+    if 'dent_inspector' in entries:
+        given = settings_of(entries['dent_inspector'])
+        smallest = SmallestDent(given.smallest_depth, given.smallest_width)
     findings = examine(rig, pattern, white, black, fringes, reconstructor, exposure, smallest)
-    simulated = _parameter(entries['camera_capture'], 'source', '') == 'simulation'
-    return [*findings, _clock(float(np.median(ages)), simulated)]
+    return [*findings, _clock(float(np.median(ages)), camera.source == 'simulation')]
 
 
 def _clock(age: float, simulated: bool) -> Finding:
@@ -147,28 +154,22 @@ def _listen(node: Node) -> States:
     return states
 
 
-def _heard(states: States, entries: Mapping[str, NodeEntry], since_ns: int = 0) -> Iterable[bool]:
-    """Of every node that tells its state, whether it has since a moment."""
-    telling = (e.name for e in entries.values() if e.executable != 'simulated_autopilot')
-    return (name in states and states[name][0] >= since_ns for name in telling)
+def _heard(states: States, names: Iterable[str], since_ns: int = 0) -> bool:
+    """Whether every node has told its state since a moment."""
+    return all(name in states and states[name][0] >= since_ns for name in names)
 
 
-def _nodes(states: States, entries: Mapping[str, NodeEntry]) -> list[Finding]:
-    findings = []
-    for entry in entries.values():
-        if entry.executable == 'simulated_autopilot':
-            continue
-        if entry.name not in states:
-            findings.append(Finding(entry.name, NO, 'says nothing: is it running?'))
-            continue
-        _, state = states[entry.name]
-        verdict = OK
-        if state.level == DiagnosticStatus.ERROR:
-            verdict = NO
-        elif state.level == DiagnosticStatus.WARN and 'projector/show' not in state.message:
-            verdict = NO if entry.executable == 'mavlink_bridge' else WARN
-        findings.append(Finding(entry.name, verdict, state.message))
-    return findings
+def _judged(entry: NodeEntry, states: States) -> Finding:
+    """What a node says of itself."""
+    if entry.name not in states:
+        return Finding(entry.name, NO, 'says nothing: is it running?')
+    _, state = states[entry.name]
+    verdict = OK
+    if state.level == DiagnosticStatus.ERROR:
+        verdict = NO
+    elif state.level == DiagnosticStatus.WARN and 'projector/show' not in state.message:
+        verdict = NO if entry.executable == 'mavlink_bridge' else WARN
+    return Finding(entry.name, verdict, state.message)
 
 
 def _disk(folder: Path) -> Finding:
@@ -177,27 +178,6 @@ def _disk(folder: Path) -> Finding:
     # A flight's bag takes some 15 MB a second: half an hour, ten minutes.
     verdict = OK if free > 27e9 else WARN if free > 9e9 else NO
     return Finding('disk', verdict, f'{free / 1e9:.0f} GB free, some {minutes:.0f} minutes of bag')
-
-
-def _parameter(entry: NodeEntry, name: str, default: Any) -> Any:
-    """A parameter of an entry, written flat or nested."""
-    for block in (entry.absolute, entry.parameters, entry.shared):
-        values = dict(flat(block))
-        if name in values:
-            return values[name]
-    return default
-
-
-def _smallest(entry: NodeEntry | None) -> Smallest:
-    """The smallest dent that the payload looks for."""
-    if entry is None:
-        return Smallest()
-    return Smallest(
-        **{
-            each.name: float(_parameter(entry, each.name, each.default))
-            for each in fields(Smallest)
-        }
-    )
 
 
 def _even(size: tuple[int, int], level: int) -> np.ndarray:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cloud.ply import write_ply
 from ftp_dent_ros.errors import CloudError, NoFringesError
 from ftp_dent_ros.files import check_writable, find, write_png
@@ -18,36 +19,25 @@ from ftp_dent_ros.rig.rig import read_rig
 _FRAME = 'camera_optical_frame'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    default = Settings()
-    parser.add_argument('image', metavar='IMAGE', help='photograph (PNG, JPEG or TIFF)')
-    parser.add_argument('--rig', required=True, metavar='RIG.yaml', help='calibrated rig')
-    parser.add_argument(
-        '--pattern', required=True, metavar='PATTERN.yaml', help='projected pattern'
-    )
-    parser.add_argument(
-        '--output', required=True, metavar='CLOUD.ply', help='point cloud to write'
-    )
-    parser.add_argument(
-        '--skin', metavar='FILE.png', help='image of the skin without the fringes to write'
-    )
-    parser.add_argument(
+ARGUMENTS = (
+    argument('image', metavar='IMAGE', help='photograph (PNG, JPEG or TIFF)'),
+    argument('--rig', required=True, metavar='RIG.yaml', help='calibrated rig'),
+    argument('--pattern', required=True, metavar='PATTERN.yaml', help='projected pattern'),
+    argument('--output', required=True, metavar='CLOUD.ply', help='point cloud to write'),
+    argument('--skin', metavar='FILE.png', help='image of the skin without the fringes to write'),
+    argument(
         '--encoding',
         default='',
         metavar='NAME',
         help='what the file cannot say: raw pixels or bits, as bayer_rggb12 or mono10',
-    )
-    parser.add_argument('--method', choices=tuple(METHODS), default=default.method)
-    parser.add_argument(
-        '--unwrapping', choices=UNWRAPPINGS, help='of the Fourier methods; itoh by default'
-    )
-    parser.add_argument(
-        '--tau', type=float, help="gain of Estrada's unwrapping, 0 to 1; 0.8 by default"
-    )
-    parser.add_argument(
-        '--stride', type=int, default=default.stride, metavar='N', help='every N-th pixel only'
-    )
+    ),
+    argument('--method', choices=tuple(METHODS), default=Settings.method),
+    argument('--unwrapping', choices=UNWRAPPINGS, help='of the Fourier methods; itoh by default'),
+    argument('--tau', type=float, help="gain of Estrada's unwrapping, 0 to 1; 0.8 by default"),
+    argument(
+        '--stride', type=int, default=Settings.stride, metavar='N', help='every N-th pixel only'
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

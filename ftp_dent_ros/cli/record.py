@@ -16,6 +16,7 @@ from typing import Any
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError
 from ftp_dent_ros.recording.clouds import RIG, rig_id_in
@@ -30,19 +31,19 @@ from ftp_dent_ros.ros.session import session
 _CAPACITY = 512_000_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('names', nargs='*', metavar='TOPIC', help='topics to record')
-    parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC', help='more of them')
-    parser.add_argument('-a', '--all', action='store_true', help='every topic, also later ones')
-    parser.add_argument(
+ARGUMENTS = (
+    argument('names', nargs='*', metavar='TOPIC', help='topics to record'),
+    argument('--topics', nargs='+', default=[], metavar='TOPIC', help='more of them'),
+    argument('-a', '--all', action='store_true', help='every topic, also later ones'),
+    argument(
         '-o', '--output', type=Path, help='folder of the bag: must not exist (default: by time)'
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--compress',
         action='store_true',
         help='clouds to half of their own uncertainty, pictures as JPEG: a fifteenth of the size',
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -7,16 +7,16 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.errors import printable
 from ftp_dent_ros.recording.recovery import Recovery, mcap_files, recover
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('bag', type=Path, help='folder of the bag, or an .mcap file')
-    parser.add_argument(
+ARGUMENTS = (
+    argument('bag', type=Path, help='folder of the bag, or an .mcap file'),
+    argument(
         '-o', '--output', type=Path, required=True, help='folder of the new bag: must not exist'
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

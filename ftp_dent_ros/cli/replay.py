@@ -6,6 +6,7 @@ import argparse
 import time
 from pathlib import Path
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag, open_bag
@@ -13,40 +14,37 @@ from ftp_dent_ros.recording.ros.player import Player
 from ftp_dent_ros.recording.topic import RecordedTopic, absolute_names
 from ftp_dent_ros.ros.session import session
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('bag', type=Path, help='folder of the bag, or an .mcap file')
-    parser.add_argument(
+ARGUMENTS = (
+    argument('bag', type=Path, help='folder of the bag, or an .mcap file'),
+    argument(
         '-r',
         '--rate',
         type=number('--rate', 0.001),
         default=1.0,
         help='times the original speed; inf: at once',
-    )
-    parser.add_argument(
-        '--topics', nargs='+', default=[], metavar='TOPIC', help='only these (default: all)'
-    )
-    parser.add_argument(
+    ),
+    argument('--topics', nargs='+', default=[], metavar='TOPIC', help='only these (default: all)'),
+    argument(
         '--start-offset',
         type=number('--start-offset', 0, 1e9),
         default=0.0,
         metavar='SECONDS',
         help='begin so far into the bag; latched messages from before are published first',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '-m',
         '--remap',
         nargs='+',
         default=[],
         metavar='OLD:=NEW',
         help='publish under other names',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--wait-for-subscribers',
         action='store_true',
         help='begin when every topic has a subscriber',
-    )
+    ),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

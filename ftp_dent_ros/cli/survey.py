@@ -7,12 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ftp_dent_ros.cli.arguments import (
-    add_settings_arguments,
-    output_folder,
-    progress_bar,
-    settings_of,
-)
+from ftp_dent_ros.cli import argument
+from ftp_dent_ros.cli.arguments import SMALLEST, output_argument, progress_bar, smallest_of
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.rig.rig import read_rig
@@ -24,35 +20,27 @@ if TYPE_CHECKING:
 _REMARKS, _GAPS = 12, 6
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
-        'bags', nargs='+', metavar='BAG', help='bags of flights along one aircraft'
-    )
-    parser.add_argument(
-        '--output',
-        type=output_folder,
-        required=True,
-        metavar='DIR',
-        help='takes survey.html, survey.json, mosaic.ply and pictures of the unrolled skin',
-    )
-    parser.add_argument('--name', default='', help="the survey's; by default the first bag's")
-    parser.add_argument(
+ARGUMENTS = (
+    argument('bags', nargs='+', metavar='BAG', help='bags of flights along one aircraft'),
+    output_argument('survey.html, survey.json, mosaic.ply and pictures of the unrolled skin'),
+    argument('--name', default='', help="the survey's; by default the first bag's"),
+    argument(
         '--store',
         metavar='FILE',
         help="file of the aircraft's surveys, for `compare`",
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--rig', type=find, metavar='RIG.yaml', help='calibrated rig: bags of another are refused'
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--points',
         type=find,
         metavar='POINTS.yaml',
         help='three or more points whose coordinates on the aircraft are known, as survey.html '
         'saves them: places are given in these besides',
-    )
-    add_settings_arguments(parser)
+    ),
+    *SMALLEST,
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -73,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         store.check_new(name)
     count = sum(count_clouds(bag)[0] for bag in bags)
     with progress_bar('surveying', 3 * count, 'cloud') as bar:
-        survey = survey_bags(bags, name, settings_of(arguments), rig_id, bar.update)
+        survey = survey_bags(bags, name, smallest_of(arguments), rig_id, bar.update)
     result, frame = survey.result, None
     if arguments.points:
         frame = aircraft_frame(read_reference_points(arguments.points, result))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.files import find
 from ftp_dent_ros.pages.words import date_of
 from ftp_dent_ros.survey.store import SurveyStore
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('file', metavar='FILE.sqlite', help='of `ftp-dent survey --store`')
+ARGUMENTS = (argument('file', metavar='FILE.sqlite', help='of `ftp-dent survey --store`'),)
 
 
 def run(arguments: argparse.Namespace) -> int:

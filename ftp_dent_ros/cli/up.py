@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from ftp_dent_ros.cli import argument
 from ftp_dent_ros.nodes.declarations import fitted
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.configuration import frozen, read_configuration
@@ -20,28 +21,25 @@ from ftp_dent_ros.supervision.processes import (
 )
 from ftp_dent_ros.supervision.transport import held_names
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
-    parser.add_argument(
+ARGUMENTS = (
+    argument(
         'configuration',
         metavar='CONFIG.yaml',
         help='a ROS 2 parameter file whose nodes are run; a shipped one is '
         'shipped:simulation.yaml',
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--log-dir', type=Path, metavar='DIR', help="also write each node's log to DIR/NODE.log"
-    )
-    parser.add_argument(
+    ),
+    argument(
         '--interface',
         default='',
         metavar='NAME|ADDRESS',
         help='the only network interface that ROS uses: lo for none but this computer; by default '
         'all, or lo where ROS_AUTOMATIC_DISCOVERY_RANGE is LOCALHOST',
-    )
-    parser.add_argument(
-        '--dry-run', action='store_true', help='print what would be started and end'
-    )
+    ),
+    argument('--dry-run', action='store_true', help='print what would be started and end'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

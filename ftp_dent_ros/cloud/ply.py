@@ -1,8 +1,6 @@
-"""Clouds as files: PLY, with the grid that an organised cloud has.
+"""Clouds as files: binary PLY, little endian, with the grid that an organised cloud has.
 
-Source of the format: G. Turk, "The PLY Polygon File Format" (1994). Written is binary, little
-endian, float32; read is whatever PLY says the same in: text or binary of either byte order, any
-scalar types, further properties, and elements behind the vertices.
+Source of the format: G. Turk, "The PLY Polygon File Format" (1994).
 """
 
 from __future__ import annotations
@@ -11,48 +9,30 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.lib.recfunctions import unstructured_to_structured
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError, printable
 from ftp_dent_ros.files import write_atomically
 
+_FORMAT = 'format binary_little_endian 1.0'
+# What is written of a vertex, by PLY's names and numpy's.
 _FIELDS = ('intensity', 'sigma', 'resolution')
-_VERTEX = np.dtype(
-    [*((name, '<f4') for name in ('x', 'y', 'z', *_FIELDS)), ('row', '<u2'), ('column', '<u2')]
-)
-_SKIN = ('skin', 'u1')
+_PROPERTIES = [
+    *((name, 'float') for name in ('x', 'y', 'z', *_FIELDS)),
+    ('row', 'ushort'),
+    ('column', 'ushort'),
+]
+_SKIN = ('skin', 'uchar')
+_TYPES = {'float': '<f4', 'ushort': '<u2', 'uchar': 'u1'}
 
-_NEEDED = {'x', 'y', 'z', 'intensity', 'row', 'column'}
-# The names that PLY's readers and writers use for the same types, as numpy's.
-_TYPES = {
-    'char': 'i1',
-    'uchar': 'u1',
-    'short': 'i2',
-    'ushort': 'u2',
-    'int': 'i4',
-    'uint': 'u4',
-    'int8': 'i1',
-    'uint8': 'u1',
-    'int16': 'i2',
-    'uint16': 'u2',
-    'int32': 'i4',
-    'uint32': 'u4',
-    'float': 'f4',
-    'float32': 'f4',
-    'double': 'f8',
-    'float64': 'f8',
-}
-_ORDERS = {'ascii': '', 'binary_little_endian': '<', 'binary_big_endian': '>'}
-_END = re.compile(rb'^end_header\r?\n', re.MULTILINE)
-_NO_GRID = 'not an organised cloud (it lacks the grid that ftp-dent writes): give one that is'
+_END = re.compile(rb'^end_header\n', re.MULTILINE)
+_NO_GRID = 'not an organised cloud as ftp-dent writes it, with its grid: give one that is'
+_CUT = 'cut short or damaged: write it again'
 #: What the comments begin with that name the points' frame, and the rig that measured them.
 FRAME = 'comment ftp_dent_ros, metres, frame '
 RIG = 'comment rig '
@@ -73,28 +53,22 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
         The file cannot be written.
     """
     row, column = np.nonzero(cloud.valid)
-    has_skin = bool(cloud.skin.any())
-    vertex = np.empty(len(row), np.dtype([*_VERTEX.descr, *([_SKIN] if has_skin else [])]))
-    for axis, name in enumerate('xyz'):
-        vertex[name] = cloud.points[row, column, axis]
-    for name in _FIELDS:
-        vertex[name] = getattr(cloud, name)[row, column]
-    vertex['row'], vertex['column'] = row, column
-    if has_skin:
-        vertex['skin'] = cloud.skin[row, column]
+    properties = [*_PROPERTIES, *([_SKIN] if cloud.skin.any() else [])]
+    vertex = np.empty(len(row), [(name, _TYPES[kind]) for name, kind in properties])
+    values = {'row': row, 'column': column}
+    values |= dict(zip('xyz', cloud.points[row, column].T, strict=True))
+    for name, _ in properties:
+        vertex[name] = values[name] if name in values else getattr(cloud, name)[row, column]
     rows, columns = cloud.valid.shape
     header = [
         'ply',
-        'format binary_little_endian 1.0',
+        _FORMAT,
         FRAME + printable(frame_id),
         *([RIG + printable(rig_id)] if rig_id else []),
         f'obj_info num_cols {columns}',
         f'obj_info num_rows {rows}',
         f'element vertex {len(vertex)}',
-        *(f'property float {name}' for name in ('x', 'y', 'z', *_FIELDS)),
-        'property ushort row',
-        'property ushort column',
-        *(['property uchar skin'] if has_skin else []),
+        *(f'property {kind} {name}' for name, kind in properties),
         'end_header',
     ]
     try:
@@ -108,7 +82,7 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
 
 
 def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str]:
-    """Read a cloud that `write_ply` wrote, or another program in its layout, with its frame.
+    """Read a cloud that `write_ply` wrote, with its frame.
 
     Returns
     -------
@@ -120,12 +94,15 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str]:
     ------
     CloudError
         The file cannot be read, is cut short, has no grid or one that no camera has, or is a
-        PLY of a layout that holds no organised cloud; told by the header, before anything large
-        is read or made.
+        PLY of another layout; told by the header, before anything large is read or made.
     """
     with _reading(path) as file:
-        header = read_header(header_lines(file))
-        return _cloud(header, _vertices(header, file)), header.frame_id
+        lines = header_lines(file)
+        vertex, shape = _layout(lines)
+        size = os.fstat(file.fileno()).st_size - file.tell()
+        if size != vertex.itemsize * _count(lines, shape):
+            raise CloudError(_CUT)
+        return _cloud(np.frombuffer(file.read(), vertex), shape), _after(FRAME, lines)
 
 
 @contextmanager
@@ -158,49 +135,6 @@ def _after(start: str, lines: list[str]) -> str:
     return next(rests, '')
 
 
-def _vertices(header: Header, file: BinaryIO) -> NDArray[np.void]:
-    """What the file holds of each vertex, shape (count,)."""
-    size = os.fstat(file.fileno()).st_size - file.tell()
-    if header.order:
-        needed = header.count * header.vertex.itemsize
-        if size < needed or (header.is_last and size > needed):
-            raise CloudError('cut short or damaged: write it again')
-        return np.frombuffer(file.read(needed), header.vertex)
-    # A value of text has a character and a space at least.
-    if size < 2 * header.count * len(header.vertex.names or ()):
-        raise CloudError('cut short or damaged: write it again')
-    try:
-        lines = (line for line in islice(file, header.count))
-        values = np.loadtxt(lines, ndmin=2, comments=None) if header.count else np.empty((0, 0))
-    except ValueError:
-        values = np.empty((0, 0))
-    if header.count and values.shape != (header.count, len(header.vertex.names or ())):
-        raise CloudError('cut short or damaged: write it again')
-    return unstructured_to_structured(values.reshape(header.count, -1), header.vertex)
-
-
-def _cloud(header: Header, vertex: NDArray[np.void]) -> Cloud:
-    shape = header.rows, header.columns
-    with np.errstate(invalid='ignore', over='ignore'):
-        points_of = np.stack([vertex[name] for name in 'xyz'], axis=-1).astype(np.float32)
-        at = vertex['row'].astype(np.int64), vertex['column'].astype(np.int64)
-    for index, name, limit in zip(at, ('row', 'column'), shape, strict=True):
-        if ((index != vertex[name]) | (index < 0) | (index >= limit)).any():
-            raise CloudError('a point lies outside its grid: write it again')
-    points_of[~np.isfinite(points_of).all(axis=-1)] = np.nan
-    points = np.full((*shape, 3), np.nan, np.float32)
-    points[at] = points_of
-    values_of = {
-        name: np.full(shape, 0 if name == 'intensity' else np.nan, np.float32) for name in _FIELDS
-    }
-    for name in set(_FIELDS) & set(header.vertex.names or ()):
-        values_of[name][at] = vertex[name]
-    skin = np.zeros(shape, np.uint8)
-    if 'skin' in (header.vertex.names or ()):
-        skin[at] = np.clip(vertex['skin'], 0, 255)
-    return Cloud(points, **values_of, skin=skin)
-
-
 def header_lines(file: BinaryIO) -> list[str]:
     """Lines of the header; the file then stands behind it.
 
@@ -217,82 +151,50 @@ def header_lines(file: BinaryIO) -> list[str]:
     return start[: end.start()].decode('ascii', 'replace').splitlines()
 
 
-@dataclass(frozen=True)
-class Header:
-    """What a header says of an organised cloud.
-
-    Attributes
-    ----------
-    order : str
-        Of the bytes, as numpy has it; '' for text.
-    vertex : numpy.dtype
-        Of one vertex, by its properties.
-    count : int
-        Vertices.
-    rows, columns : int
-        Of the grid that they are of.
-    frame_id : str
-        Empty if it is not said.
-    is_last : bool
-        Whether nothing follows the vertices.
-    """
-
-    order: str
-    vertex: np.dtype
-    count: int
-    rows: int
-    columns: int
-    frame_id: str
-    is_last: bool
+def _layout(lines: list[str]) -> tuple[np.dtype, tuple[int, int]]:
+    """Type of a vertex, and rows and columns of the grid, of the lines of a header."""
+    if lines[1:2] != [_FORMAT]:
+        raise CloudError(f'its format is not "{_FORMAT}": give a cloud written by ftp-dent')
+    told = [line.split() for line in lines if line.startswith('property ')]
+    properties = [(words[-1], words[1]) for words in told if len(words) == 3]
+    if len(told) != len(properties) or properties not in (_PROPERTIES, [*_PROPERTIES, _SKIN]):
+        raise CloudError(_NO_GRID)
+    rows, columns = (_number(f'obj_info num_{name} ', lines) for name in ('rows', 'cols'))
+    return np.dtype([(name, _TYPES[kind]) for name, kind in properties]), (rows, columns)
 
 
-def read_header(lines: list[str]) -> Header:
-    """Read the lines of a header.
-
-    Raises
-    ------
-    CloudError
-        It is of another format, or of no organised cloud, or its grid is none that a camera has.
-    """
-    words = [line.split() for line in lines]
-    elements = [(n, line) for n, line in enumerate(words) if line[:1] == ['element']]
-    order = next((_ORDERS.get(line[1]) for line in words if len(line) > 1), None)
-    if (words[1:2] and words[1][:1] != ['format']) or order is None:
-        raise CloudError(f'its format is none of {", ".join(_ORDERS)}: convert it')
-    if not elements or elements[0][1][1:2] != ['vertex']:
-        raise CloudError('its first element is not vertex: convert it')
-    first, last = elements[0][0], elements[1][0] if len(elements) > 1 else len(words)
-    vertex = _layout([line for line in words[first:last] if line[:1] == ['property']], order)
-    said = {tuple(line[:-1]): line[-1] for line in words if len(line) > 1}
-    try:
-        columns, rows = (int(said['obj_info', f'num_{name}']) for name in ('cols', 'rows'))
-        count = int(elements[0][1][2])
-    except (KeyError, ValueError, IndexError):
-        raise CloudError(_NO_GRID) from None
-    if (
-        columns < 1
-        or rows < 1
-        or columns * rows > _MOST_POINTS
-        or not 0 <= count <= columns * rows
-    ):
+def _count(lines: list[str], shape: tuple[int, int]) -> int:
+    """How many vertices there are, which have to find room on the grid."""
+    count, (rows, columns) = _number('element vertex ', lines), shape
+    places = rows * columns
+    if min(rows, columns) < 1 or places > _MOST_POINTS or count > places:
         raise CloudError(
             f'{count} points on a grid of {columns}x{rows}, which no camera has: write it again'
         )
-    frame_id = _after(FRAME, lines)
-    return Header(order, vertex, count, rows, columns, frame_id, len(elements) == 1)
+    return count
 
 
-def _layout(properties: list[list[str]], order: str) -> np.dtype:
-    """Of one vertex."""
-    fields = []
-    for line in properties:
-        kind = _TYPES.get(line[1]) if len(line) == 3 else None
-        if kind is None:
-            raise CloudError(
-                f'a vertex has the {" ".join(line)!r}, which is no number: convert it'
-            )
-        fields.append((line[2], order + kind))
-    names = [name for name, _ in fields]
-    if len(set(names)) < len(names) or not set(names) >= _NEEDED:
+def _number(start: str, lines: list[str]) -> int:
+    """The whole number that follows the beginning of a line."""
+    text = _after(start, lines)
+    if not re.fullmatch(r'[0-9]{1,18}', text):
         raise CloudError(_NO_GRID)
-    return np.dtype(fields)
+    return int(text)
+
+
+def _cloud(vertex: NDArray[np.void], shape: tuple[int, int]) -> Cloud:
+    at = vertex['row'].astype(np.intp), vertex['column'].astype(np.intp)
+    if any((index >= limit).any() for index, limit in zip(at, shape, strict=True)):
+        raise CloudError('a point lies outside its grid: write it again')
+    points_of = np.stack([vertex[name] for name in 'xyz'], axis=-1)
+    points_of[~np.isfinite(points_of).all(axis=-1)] = np.nan
+    points = np.full((*shape, 3), np.nan, np.float32)
+    points[at] = points_of
+    values_of = {name: np.full(shape, np.nan, np.float32) for name in _FIELDS}
+    values_of['intensity'][:] = 0
+    for name in _FIELDS:
+        values_of[name][at] = vertex[name]
+    skin = np.zeros(shape, np.uint8)
+    if 'skin' in (vertex.dtype.names or ()):
+        skin[at] = vertex['skin']
+    return Cloud(points, **values_of, skin=skin)

@@ -44,7 +44,6 @@ _SETTLED_S = 1.0
 # first photographs are left out.
 _START_S = 3
 _CAMERA = 'camera_capture'
-_RECONSTRUCTION = 'reconstruction'
 _RECORDER = 'recorder'
 _AUTOPILOT = 'simulated_autopilot'
 
@@ -210,7 +209,7 @@ class _Observer:
 
     def is_ready(self) -> bool:
         """Whether the reconstruction knows the pattern, and waits for images."""
-        return self._state.get(_RECONSTRUCTION) == DiagnosticStatus.OK
+        return self._state.get('reconstruction') == DiagnosticStatus.OK
 
     def has_tagged(self, clouds: int) -> bool:
         """Whether so many clouds are tagged."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from sensor_msgs.msg import Image
 
 from ftp_dent_ros.coding.images import image_from_message
 from ftp_dent_ros.demonstration.appraisal import Figures, clouds_of
-from ftp_dent_ros.files import write_atomically
+from ftp_dent_ros.files import write_atomically, write_png
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.simulation.surface import Surface
@@ -92,8 +91,7 @@ def write_results(bag: Bag, world: World, poses: Mapping[int, Pose], folder: Pat
     """
     photographs = list(bag.messages(['/camera/image_raw']))
     message = deserialize_message(photographs[len(photographs) // 2].data, Image)
-    with write_atomically(folder / 'camera.png') as temporary:
-        cv2.imwrite(str(temporary), image_from_message(message)[..., ::-1])
+    write_png(folder / 'camera.png', image_from_message(message)[..., ::-1])
     every = []
     for stamp, cloud in clouds_of(bag):
         if stamp in poses:

@@ -29,7 +29,7 @@ from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry import Settings as ReconstructionSettings
-from ftp_dent_ros.robust import NORMAL_SPREAD
+from ftp_dent_ros.robust import deviation, median
 from ftp_dent_ros.simulation import (
     Dent,
     Dirt,
@@ -251,8 +251,8 @@ class Detection:
         return 1 / (1 + np.exp(-np.clip(logit, -500, 500)))
 
 
-def detection(depths: Values, widths: Values, hits: Values, width: float = _WIDTH) -> Detection:
-    """Fit hits (1) and misses (0) of dents, shape (n,), metres; sizes are told at one width."""
+def detection(depths: Values, widths: Values, hits: Values) -> Detection:
+    """Fit hits (1) and misses (0) of dents, shape (n,), metres; depths are told at 30 mm wide."""
     count, found = len(hits), int(np.sum(hits))
     if count < 10 or found in (0, count):
         return Detection(count, found, math.nan, math.nan, (math.nan,) * 3)
@@ -260,15 +260,15 @@ def detection(depths: Values, widths: Values, hits: Values, width: float = _WIDT
     hits = np.asarray(hits, float)
     best = _maximum(lambda b: _likelihood(b, columns, hits), np.array([0.0, 2.0, 0.0]))
     top = _likelihood(best, columns, hits)
-    wanted, of_width = math.log(9), math.log(width / _WIDTH)
+    wanted = math.log(9)
     coefficients = float(best[0]), float(best[1]), float(best[2])
     if best[1] <= 0:
         return Detection(count, found, math.nan, math.nan, coefficients)
-    a90 = (wanted - best[0] - best[2] * of_width) / best[1]
+    a90 = (wanted - best[0]) / best[1]
 
     def excess(size: float) -> float:
         def bound(rest: Values) -> Values:
-            return np.array([wanted - rest[0] * size - rest[1] * of_width, *rest])
+            return np.array([wanted - rest[0] * size, *rest])
 
         rest = _maximum(lambda r: _likelihood(bound(r), columns, hits), best[1:])
         return 2 * (top - _likelihood(bound(rest), columns, hits)) - float(chi2.ppf(0.90, 1))
@@ -351,14 +351,11 @@ def rows_of(trials: Sequence[Trial]) -> list[Row]:
         for skin in DENTED:
             some = [t for t in trials if t.dents and (t.distance, t.skin) == (distance, skin)]
             values = np.array([dent for trial in some for dent in trial.dents], float)
-            values = values.reshape(-1, 4)
-            depth, width, hit, measured = values.T
+            depth, width, hit, measured = values.reshape(-1, 4).T
             ratio = (measured / depth)[hit > 0] - 1
-            bias = float(np.median(ratio)) if len(ratio) else math.nan
-            scatter = (
-                NORMAL_SPREAD * float(np.median(np.abs(ratio - bias))) if len(ratio) else math.nan
-            )
-            rows.append(Row(distance, skin, detection(depth, width, hit, _WIDTH), bias, scatter))
+            bias = median(ratio)
+            found = detection(depth, width, hit)
+            rows.append(Row(distance, skin, found, bias, deviation(ratio - bias)))
     return rows
 
 

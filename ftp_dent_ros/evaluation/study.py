@@ -92,20 +92,19 @@ class Figures:
         Running time with warm tables.
     """
 
-    mae: float
-    deviation: float
-    dent_mae: float
-    depth_bias: float
-    coverage: float
-    seconds: float
+    mae: float = math.nan
+    deviation: float = math.nan
+    dent_mae: float = math.nan
+    depth_bias: float = math.nan
+    coverage: float = math.nan
+    seconds: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
 class StudyTrial:
-    """Figures of one photograph, and the cloud with its error (mm) for the pictures."""
+    """Figures of one photograph, and its cloud's error (mm) for the pictures."""
 
     figures: Figures
-    cloud: Cloud | None
     error_mm: NDArray[np.float64] | None
 
 
@@ -115,11 +114,8 @@ class Bench:
     def __init__(self, method: StudyMethod, rig: Rig) -> None:
         self.method = method
         least_squares = method.settings.method == 'least-squares'
-        self._method: Any = (
-            Reconstructor(rig, PATTERN, method.settings)
-            if least_squares
-            else NoisyPhase(rig, PATTERN, method.settings)
-        )
+        kind: Any = Reconstructor if least_squares else NoisyPhase
+        self._method = kind(rig, PATTERN, method.settings)
         self._warm = False
 
     def run(
@@ -151,25 +147,21 @@ class Bench:
             cloud = self._method.measure(photograph).cloud
             seconds = time.perf_counter() - start
         except RefusedFrameError:
-            nothing = math.nan
-            figures = Figures(nothing, nothing, nothing, nothing, 0.0, nothing)
-            return StudyTrial(figures, None, None)
+            return StudyTrial(Figures(coverage=0.0), None)
         error = np.full(cloud.valid.shape, np.nan)
         error[cloud.valid] = 1e3 * scene.error(cloud.points[cloud.valid])
-        return StudyTrial(_figures(scene, lit, cloud, error, seconds), cloud, error)
+        return StudyTrial(_figures(scene, lit, cloud, error, seconds), error)
 
 
 def _figures(scene: Scene, lit, cloud: Cloud, error, seconds: float) -> Figures:
-    valid = cloud.valid
+    valid, dent = cloud.valid, scene.dent
     signed = error[valid]
     x, y = scene.on_panel(cloud.points[valid])
-    dent = scene.dent
     across = np.hypot(x / (dent.length / 2), y / (dent.width / 2))
     # The depth at the dent's centre is the mean over this share of its half axes.
     on_dent, around, centre = across < 1, (across > 1.2) & (across < 2), across < 0.15
-    if not on_dent.any() or not centre.any():
-        dent_mae = depth_bias = math.nan
-    else:
+    dent_mae = depth_bias = math.nan
+    if centre.any():
         dent_mae = float(np.abs(signed[on_dent]).mean())
         depth_bias = float(signed[centre].mean() - np.median(signed[around]))
     return Figures(
@@ -268,7 +260,7 @@ def _measured(case: Case, benches: list[Bench], progress: Callable[[], object]) 
         for bench, done in zip(benches, trials, strict=True):
             trial = bench.run(scene, lit, image, noise)
             # Only the first is drawn; the clouds of the others would fill the memory.
-            done.append(trial if seed == 0 else StudyTrial(trial.figures, None, None))
+            done.append(trial if seed == 0 else StudyTrial(trial.figures, None))
             progress()
     paper = _paper()
     for bench, done in zip(benches, trials, strict=True):

@@ -55,7 +55,7 @@ class Camera:
 
     def __init__(self, ground_station: int, shoot: Callable[[], bool]) -> None:
         self._ground_station, self._shoot = ground_station, shoot
-        self._last: tuple[tuple[int, int, float], int] | None = None
+        self._last: tuple[tuple[int, int, float] | None, int] = None, 0
         self._images = 0
 
     def answers(
@@ -74,16 +74,14 @@ class Camera:
             return [_ack(command, source, self._capture(command, source, boot_ms))]
         if command.command == _DIGICAM and self._is_digicam(command, source, autopilot):
             return [_ack(command, source, self._result())]
-        wanted = _wanted(command)
+        wanted, accepted = _wanted(command), _ack(command, source, mavlink.MAV_RESULT_ACCEPTED)
         if wanted == _INFORMATION:
-            reply = self.information(size, boot_ms)
-        elif wanted == _STATUS:
-            reply = self._status(boot_ms)
-        elif command.target_component == 0:
+            return [accepted, self.information(size, boot_ms)]
+        if wanted == _STATUS:
+            return [accepted, self._status(boot_ms)]
+        if command.target_component == 0:
             return []  # It may be meant for another component.
-        else:
-            return [_ack(command, source, mavlink.MAV_RESULT_UNSUPPORTED)]
-        return [_ack(command, source, mavlink.MAV_RESULT_ACCEPTED), reply]
+        return [_ack(command, source, mavlink.MAV_RESULT_UNSUPPORTED)]
 
     def information(self, size: tuple[int, int], boot_ms: int) -> Any:
         """CAMERA_INFORMATION, with the size of the images (0 if not known yet)."""
@@ -161,10 +159,9 @@ class Camera:
             return int(mavlink.MAV_RESULT_DENIED)
         # A command that was sent twice is one photograph.
         this = (*source, command.param4)
-        if command.param4 > 0 and self._last is not None:
-            last, then_ms = self._last
-            if this == last and 0 <= boot_ms - then_ms < _REPEATED_MS:
-                return int(mavlink.MAV_RESULT_ACCEPTED)
+        last, then_ms = self._last
+        if command.param4 > 0 and this == last and 0 <= boot_ms - then_ms < _REPEATED_MS:
+            return int(mavlink.MAV_RESULT_ACCEPTED)
         result = self._result()
         if result == mavlink.MAV_RESULT_ACCEPTED:
             self._last = this, boot_ms

@@ -34,13 +34,11 @@ class Segment:
 
     begin: int
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=64))
-    count: int = 0
     latest: tuple[int, int] = (0, 0)
 
     def add(self, exchange: Exchange) -> None:
         """Take an exchange that does not contradict those before it."""
         self.exchanges.append(exchange)
-        self.count += 1
         self.latest = self.offset(exchange.received)
 
     @property
@@ -91,7 +89,7 @@ class ClockOffset:
         self._period = round(period * SECOND)
         self._maximum_error = round(maximum_error * SECOND)
         self._segments: deque[Segment] = deque(maxlen=8)
-        self._open_requests: dict[int, None] = {}
+        self._open_requests: deque[int] = deque(maxlen=64)
         self._last_request: int | None = None
         self._round_trips: deque[int] = deque(maxlen=20)
         self.answers = self.steps = self.restarts = 0
@@ -103,9 +101,7 @@ class ClockOffset:
         if last is not None and 0 <= now - last < self._period:
             return None
         self._last_request = now
-        self._open_requests[now] = None
-        if len(self._open_requests) > 64:
-            del self._open_requests[next(iter(self._open_requests))]
+        self._open_requests.append(now)
         return now
 
     def answer(self, tc1: int, ts1: int, now: int) -> bool:
@@ -122,9 +118,8 @@ class ClockOffset:
         if tc1 <= 0 or ts1 not in self._open_requests:
             return False
         # An answer that was overtaken is not waited for: exchanges stay in order.
-        while next(iter(self._open_requests)) != ts1:
-            del self._open_requests[next(iter(self._open_requests))]
-        del self._open_requests[ts1]
+        while self._open_requests.popleft() != ts1:
+            pass
         exchange, round_trip = Exchange(ts1, tc1, now), now - ts1
         if round_trip < 0:
             return False
@@ -136,8 +131,7 @@ class ClockOffset:
         newest = self._segments[-1] if self._segments else None
         off = newest.contradiction(exchange) if newest else 0
         # A larger step: the autopilot has rebooted, or this computer's clock has been set.
-        restarted = off > SECOND
-        if restarted:
+        if off > SECOND:
             self.restarts += 1
             self._segments.clear()
         elif newest and off:
@@ -147,10 +141,7 @@ class ClockOffset:
         if off or not self._segments:
             self._segments.append(Segment(now))
         self._segments[-1].add(exchange)
-        # Segments that ended a minute ago are of no use to any cloud.
-        while abs(now - self._segments[0].last.sent) > 60 * SECOND:
-            self._segments.popleft()
-        return restarted
+        return off > SECOND
 
     def boot_time(self, stamp: int) -> tuple[int, int]:
         """Autopilot's time since boot at a ROS time, and its uncertainty; nanoseconds.
@@ -177,7 +168,7 @@ class ClockOffset:
         if len(holders) != 1:
             raise PoseError('a clock stepped around that time', 'clock stepped')
         offset, uncertainty = holders[0].offset(stamp)
-        if holders[0].count < _MINIMUM_EXCHANGES or uncertainty > self._maximum_error:
+        if len(holders[0].exchanges) < _MINIMUM_EXCHANGES or uncertainty > self._maximum_error:
             error = PoseAwaitedError if holders[0] is newest else PoseError
             raise error(self._unknown(), 'clock not converged')
         return stamp - offset, uncertainty
@@ -246,7 +237,9 @@ class ClockOffset:
         if not self._segments:
             return False
         newest = self._segments[-1]
-        return newest.count >= _MINIMUM_EXCHANGES and newest.latest[1] <= self._maximum_error
+        return (
+            len(newest.exchanges) >= _MINIMUM_EXCHANGES and newest.latest[1] <= self._maximum_error
+        )
 
     def _boot_now(self, now: int) -> int:
         last = self._segments[-1].last

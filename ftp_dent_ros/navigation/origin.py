@@ -16,8 +16,6 @@ from ftp_dent_ros.navigation.settings import Instant
 # Equatorial radius in metres, and the eccentricity's square.
 _RADIUS, _ECCENTRICITY = 6_378_137.0, 6.694_379_990_141e-3
 
-_ONCE = (mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
-
 
 @dataclass(frozen=True)
 class Origin:
@@ -82,27 +80,16 @@ def _metres_per_degree(latitude: float) -> tuple[float, float]:
 
 
 class Earth:
-    """Follows the origin of one autopilot's map.
+    """Follows the origin of one autopilot's map."""
 
-    Parameters
-    ----------
-    is_wanted : bool
-        Whether to ask for all that the origin is made of; else only its moves are noticed.
-    """
-
-    def __init__(self, is_wanted: bool) -> None:
-        self._is_wanted = is_wanted
+    def __init__(self) -> None:
         self.handlers: dict[str, Callable[[Any, Instant], None]] = {
             'GPS_GLOBAL_ORIGIN': self._on_gps_global_origin,
             'GPS_RAW_INT': self._on_gps_raw_int,
         }
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything: the autopilot has just been found, or has rebooted."""
         self._reported: Origin | None = None
         self._separation = math.nan
-        self._asked = dict.fromkeys(_ONCE, -math.inf)
+        self._asked = -math.inf
 
     @property
     def origin(self) -> Origin | None:
@@ -121,15 +108,11 @@ class Earth:
         }
 
     def next_request(self, now: float) -> int | None:
-        """Number of a message to request once, at a steady time."""
-        has_height = math.isfinite(self._separation) or not self._is_wanted
-        # Seldom where only a move of the origin matters; seconds.
-        period = 3.0 if self._is_wanted else 30.0
-        for number, is_known in zip(_ONCE, (self._reported, has_height), strict=True):
-            if not is_known and now - self._asked[number] > period:
-                self._asked[number] = now
-                return number
-        return None
+        """Number of a message to request once, at a steady time; every 3 s until it has come."""
+        if self._reported or now - self._asked <= 3.0:
+            return None
+        self._asked = now
+        return int(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     def _on_gps_global_origin(self, message: Any, at: Instant) -> None:
         place = place_on_earth(message.latitude, message.longitude, message.altitude)

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.navigation import frames
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import about
 
 Covariance = NDArray[np.float64]
 
@@ -128,7 +129,9 @@ def of_odometry(upper_triangle: Any) -> Covariance | None:
     return covariance
 
 
-def of_tag(reported: Covariance, motion: Motion, clock_uncertainty: float) -> Covariance:
+def of_tag(
+    reported: Covariance, motion: Motion, clock_uncertainty: float, height_uncertainty: float = 0.0
+) -> Covariance:
     """Covariance of a pose.
 
     Parameters
@@ -138,6 +141,8 @@ def of_tag(reported: Covariance, motion: Motion, clock_uncertainty: float) -> Co
     motion : Motion
     clock_uncertainty : float
         Half the width of the clock's bounds, seconds.
+    height_uncertainty : float
+        What the barometer's scale makes of the height, metres.
     """
     estimate = reported if motion.covariance is None else motion.covariance
     along = np.concatenate([motion.velocity, motion.turn_rate])
@@ -145,13 +150,9 @@ def of_tag(reported: Covariance, motion: Motion, clock_uncertainty: float) -> Co
     if not motion.is_of_sample:
         for part, age in ((slice(0, 3), _AGE_OF_POSITION), (slice(3, 6), _AGE_OF_ATTITUDE)):
             covariance[part, part] += np.outer(along[part], along[part]) * age**2
+    covariance[2, 2] += height_uncertainty**2
     bow = motion.gap**2 / 8
     return covariance + diagonal(3 * (_ACCELERATION * bow,), 3 * (_TURN_ACCELERATION * bow,))
-
-
-def of_height(height: float, scale: float) -> Covariance:
-    """What the barometer adds at a height above the map's origin, metres; `scale` is a share."""
-    return diagonal((0.0, 0.0, scale * height), (0.0, 0.0, 0.0))
 
 
 def of_mounted(
@@ -168,15 +169,8 @@ def of_mounted(
     mount_covariance : ndarray, shape (6, 6)
         Of the mount, in the vehicle's axes: of its place and of its rotation.
     """
-    east, north, up = pose.rotation.apply(mount.translation)
-    # A turn of the vehicle by a small vector t moves what lies at r by t x r.
     carried = np.eye(6)
-    carried[:3, 3:] = [[0, up, -north], [-up, 0, east], [north, -east, 0]]
+    carried[:3] = about(pose.rotation.apply(mount.translation))
     turned = np.kron(np.eye(2), pose.rotation.as_matrix())
     result: Covariance = carried @ covariance @ carried.T + turned @ mount_covariance @ turned.T
     return result
-
-
-def of_mount(translation: float, rotation: float) -> Covariance:
-    """What a camera's mount adds, known to within metres and radians in every direction."""
-    return diagonal(3 * (translation,), 3 * (rotation,))

@@ -33,8 +33,6 @@ class VehicleSettings:
         Longest time between two samples that is interpolated across, seconds.
     maximum_clock_error : float
         Largest uncertainty of the autopilot's clock at which poses are given, seconds.
-    earth : bool
-        Whether to ask for all that tells where on the earth the map's origin is.
     position_source : {'gps', 'other'}
         Whether GPS is watched: without new and good fixes there is no pose then.
     height_scale_uncertainty : float
@@ -46,6 +44,5 @@ class VehicleSettings:
     rate: float = 50.0
     maximum_gap: float = 0.15
     maximum_clock_error: float = 0.01
-    earth: bool = False
     position_source: Literal['gps', 'other'] = 'gps'
     height_scale_uncertainty: float = 0.04

@@ -143,18 +143,19 @@ class Codec:
             self.bad_bytes += 1
             self._parser = self._new_parser()
             return []
+        messages = []
+        for message in parsed:
+            if message.get_type() != 'BAD_DATA':
+                messages.append(message)
+            elif message.reason == 'Invalid signature':
+                self.refused += 1
+                self.refusal = now, self._parser.why
+            else:
+                self.bad_bytes += 1
         if self._is_whole and self._parser.buf_len():
             # What one sender cut short must not swallow the next one's message.
             self.bad_bytes += 1
             self._parser = self._new_parser()
-        messages = [message for message in parsed if message.get_type() != 'BAD_DATA']
-        for message in parsed:
-            if message.get_type() == 'BAD_DATA':
-                if message.reason == 'Invalid signature':
-                    self.refused += 1
-                    self.refusal = now, self._parser.why
-                else:
-                    self.bad_bytes += 1
         return messages
 
     def pack(self, message: Any, system: int, component: int, now: int) -> bytes:

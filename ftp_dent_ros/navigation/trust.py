@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,18 +74,14 @@ class ReportHistory:
         The same in a word or two, for the reasons of refusals.
     longest : float
         Reports further apart vouch for nothing between them, seconds.
+    since : int
+        When the autopilot was found, or rebooted.
     """
 
-    def __init__(self, what: str, name: str, longest: float) -> None:
-        self._what, self._name = what, name
+    def __init__(self, what: str, name: str, longest: float, since: int) -> None:
+        self._what, self._name, self._since = what, name, since
         self._longest = round(longest * 1e9)
         self._reports: deque[Report] = deque(maxlen=256)
-        self._since: int | None = None
-
-    def restart(self, now: int) -> None:
-        """Forget all reports: the autopilot has just been found, or has rebooted."""
-        self._reports.clear()
-        self._since = now
 
     def add(self, fault: PoseError | None, value: Any, now: int) -> None:
         """Take a report that arrived now."""
@@ -117,15 +114,12 @@ class ReportHistory:
         """
         awaited, missing = f'{self._name} report awaited', f'{self._name} not reported'
         if self.last is None:
-            if self._since is None or heard - self._since < self._longest:
+            if heard - self._since < self._longest:
                 raise PoseAwaitedError(f'the autopilot has not reported {self._what} yet', awaited)
             raise PoseError(f'the autopilot does not report {self._what}', missing)
-        before = after = None
-        for report in reversed(self._reports):
-            if report.now <= stamp:
-                before = report
-                break
-            after = report
+        # Before the first there is none, nor after the last.
+        pairs = pairwise([None, *self._reports, None])
+        before, after = [pair for pair in pairs if pair[0] is None or pair[0].now <= stamp][-1]
         for report in (before, after):
             if report is not None and report.fault is not None:
                 raise report.fault.with_traceback(None)
@@ -144,15 +138,20 @@ def is_ready(name: str, flags: int) -> bool:
 
 
 class Trust:
-    """Follows estimator and GPS of one autopilot; times are ROS times of arrival in ns."""
+    """Follows estimator and GPS of one autopilot; times are ROS times of arrival in ns.
 
-    def __init__(self, settings: VehicleSettings) -> None:
-        self._estimator = ReportHistory(
-            'the state of its estimator (EKF_STATUS_REPORT or ESTIMATOR_STATUS)', 'estimator', 3.0
-        )
-        self._gps = ReportHistory(
-            f'a new fix of GPS (GPS_RAW_INT; {_WITHOUT_GPS})', 'GPS', _LONGEST
-        )
+    Parameters
+    ----------
+    settings : VehicleSettings
+    since : int
+        When the autopilot was found, or rebooted.
+    """
+
+    def __init__(self, settings: VehicleSettings, since: int) -> None:
+        estimator = 'the state of its estimator (EKF_STATUS_REPORT or ESTIMATOR_STATUS)'
+        fix = f'a new fix of GPS (GPS_RAW_INT; {_WITHOUT_GPS})'
+        self._estimator = ReportHistory(estimator, 'estimator', 3.0, since)
+        self._gps = ReportHistory(fix, 'GPS', _LONGEST, since)
         self._has_gps = settings.position_source == 'gps'
         self.handlers: dict[str, Callable[[Any, Instant], None]] = {
             **dict.fromkeys(_FATAL, self._on_report),
@@ -161,7 +160,13 @@ class Trust:
         if self._has_gps:
             self.handlers['GPS_RAW_INT'] = self._on_gps_raw_int
             self.handlers['GLOBAL_POSITION_INT'] = self._on_global_position_int
-        self._clear()
+        # Since when the test ratios of a sensor stand still.
+        self._ratios: dict[str, tuple[str, int]] = {}
+        self._fix: Any = None
+        self._best = math.inf
+        self._estimate: tuple[int, Origin, float] | None = None
+        self._apart: NDArray[np.float64] | None = None
+        self._ground: float | None = None
 
     def rates(self, autopilot: int) -> dict[str, float]:
         """Rates, Hz, of the messages wanted of an autopilot (a MAV_AUTOPILOT), by name."""
@@ -170,12 +175,6 @@ class Trust:
         # As often as GPS gives a fix.
         gps = {'GPS_RAW_INT': 5.0, 'GLOBAL_POSITION_INT': 5.0} if self._has_gps else {}
         return {report: 5.0, 'DISTANCE_SENSOR': 2.0, **gps}
-
-    def restart(self, now: int) -> None:
-        """Forget all: the autopilot has just been found, or has rebooted."""
-        self._estimator.restart(now)
-        self._gps.restart(now)
-        self._clear()
 
     def check(self, stamp: int, heard: int) -> tuple[Covariance, Covariance]:
         """Covariances of shape (6, 6) of the estimate at a stamp.
@@ -225,33 +224,20 @@ class Trust:
         """What is known of it, at a ROS time."""
         values = {'estimator': self._estimator.state(now)}
         if self._has_gps:
-            fix, apart = self._fix, self._apart
+            fix, last = self._fix, self._gps.last
+            across, up = (None, None) if self._apart is None else _across_and_up(self._apart)
             values |= {
                 'GPS fix': 'none' if fix is None else enum_name('GPS_FIX_TYPE', fix.fix_type),
-                'GPS satellites': number(None if fix is None else _satellites(fix), 0),
-                'GPS within, across (m)': number(None if fix is None else _metres(fix.h_acc), 2),
-                'GPS within, up (m)': number(None if fix is None else _metres(fix.v_acc), 2),
-                'GPS fix age (s)': number(self._fix_age(now), 2),
-                'estimate from GPS, across (m)': number(
-                    None if apart is None else float(np.hypot(*apart[:2])), 2
-                ),
-                'estimate from GPS, up (m)': number(None if apart is None else apart[2], 2),
+                'GPS satellites': number(fix and _satellites(fix), 0),
+                'GPS within, across (m)': number(fix and _metres(fix.h_acc), 2),
+                'GPS within, up (m)': number(fix and _metres(fix.v_acc), 2),
+                'GPS fix age (s)': number(last and (now - last.now) / 1e9, 2),
+                'estimate from GPS, across (m)': number(across, 2),
+                'estimate from GPS, up (m)': number(up, 2),
             }
         if self._ground is not None:
             values['range finder, down (m)'] = number(self._ground, 2)
         return values
-
-    def _clear(self) -> None:
-        # Since when the test ratios of a sensor stand still.
-        self._ratios: dict[str, tuple[str, int]] = {}
-        self._fix: Any = None
-        self._best = math.inf
-        self._estimate: tuple[int, Origin, float] | None = None
-        self._apart: NDArray[np.float64] | None = None
-        self._ground: float | None = None
-
-    def _fix_age(self, now: int) -> float | None:
-        return None if self._gps.last is None else (now - self._gps.last.now) / 1e9
 
     def _on_report(self, message: Any, at: Instant) -> None:
         name = message.get_type()
@@ -316,14 +302,14 @@ class Trust:
         # How far GPS and the estimator are apart, where noise is no excuse.
         _, estimate, speed = self._estimate
         self._apart = place.offset_of(estimate)
-        across, up = float(np.hypot(*self._apart[:2])), abs(float(self._apart[2]))
+        across, up = _across_and_up(self._apart)
         # Noise of a fix as ArduPilot assumes it where GPS does not say more: EK3_POSNE_M_NSE and
         # EK3_ALT_M_NSE. A fix is some 0.2 s old when it arrives.
         noise = max(0.5, accuracy or 0.0)
         noise_up = max(2.0, _metres(message.v_acc) or 0.0)
         return (
             max(worse, across if across > _SIGMAS * noise + 0.3 * speed else 0.0),
-            up if up > _SIGMAS * noise_up else 0.0,
+            abs(up) if abs(up) > _SIGMAS * noise_up else 0.0,
         )
 
     def _on_distance_sensor(self, message: Any, at: Instant) -> None:
@@ -331,6 +317,10 @@ class Trust:
         if message.orientation == mavlink.MAV_SENSOR_ROTATION_PITCH_270:
             is_within = message.min_distance < distance < message.max_distance
             self._ground = 0.01 * distance if is_within else None
+
+
+def _across_and_up(offset: NDArray[np.float64]) -> tuple[float, float]:
+    return float(np.hypot(*offset[:2])), float(offset[2])
 
 
 def _find_fault(message: Any) -> PoseError | None:

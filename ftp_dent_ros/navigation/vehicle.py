@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -20,8 +21,8 @@ from ftp_dent_ros.navigation import pose_covariance, pose_history
 from ftp_dent_ros.navigation.clock import SECOND, ClockOffset
 from ftp_dent_ros.navigation.origin import Earth
 from ftp_dent_ros.navigation.pose_covariance import Motion, Tag
-from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample
-from ftp_dent_ros.navigation.report import Verdict, number
+from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample, Track
+from ftp_dent_ros.navigation.report import Verdict, enum_name, number
 from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.trust import Trust
 from ftp_dent_ros.pose import Pose
@@ -123,26 +124,26 @@ class Vehicle:
     def __init__(self, settings: VehicleSettings) -> None:
         self.identity: tuple[int, int] | None = None
         self.clock = ClockOffset(maximum_error=settings.maximum_clock_error)
-        self.earth = Earth(settings.earth)
         self._settings = settings
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
         self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
-        self._trust = Trust(settings)
-        self._streams: dict[str, Stream] = {}
         self._heard: Instant | None = None
         self._sequence: int | None = None
         self._streamed = self._streamed_ros = 0
         self._messages = self._foreign = self._lost = self._malformed = 0
         # Spans of the time since boot that came twice.
         self._repeated = deque[tuple[int, int]](maxlen=8)
-        handlers: dict[str, Callable[[Message, Instant], None]] = {
+        self._handlers: dict[str, Callable[[Message, Instant], None]] = {
             'TIMESYNC': self._on_timesync,
-            'ATTITUDE_QUATERNION': self._on_attitude_quaternion,
-            'LOCAL_POSITION_NED': self._on_local_position_ned,
+            'ATTITUDE_QUATERNION': partial(
+                self._on_sample, self._history.attitudes, pose_history.attitude
+            ),
+            'LOCAL_POSITION_NED': partial(
+                self._on_sample, self._history.positions, pose_history.position
+            ),
             'ODOMETRY': self._on_odometry,
         }
-        self._handlers = [handlers, self._trust.handlers, self.earth.handlers]
-        self._clear()
+        self._start_anew(0)
 
     @property
     def system_id(self) -> int:
@@ -156,7 +157,7 @@ class Vehicle:
         if self.identity is None and self._is_wanted(message, source, name):
             self.identity = source
             self._autopilot = message.autopilot
-            self._start_anew(at)
+            self._start_anew(at.ros)
         if source != self.identity:
             self._foreign += 1
             return False
@@ -165,7 +166,7 @@ class Vehicle:
         self._heard = at
         if name in self._streams:
             self._streams[name].receive(at.steady)
-        for handlers in self._handlers:
+        for handlers in (self._handlers, self._trust.handlers, self.earth.handlers):
             if name in handlers:
                 handlers[name](message, at)
         return True
@@ -223,10 +224,9 @@ class Vehicle:
             raise PoseAwaitedError(
                 f'the autopilot has been silent for {silence:.1f} s ({error})', 'link lost'
             ) from None
-        covariance = doubt + pose_covariance.of_tag(reported, motion, clock_doubt / 1e9)
-        height = float(pose.translation[2])
-        covariance += pose_covariance.of_height(height, self._settings.height_scale_uncertainty)
-        return Tag(pose, covariance, boot)
+        height_doubt = self._settings.height_scale_uncertainty * float(pose.translation[2])
+        covariance = pose_covariance.of_tag(reported, motion, clock_doubt / 1e9, height_doubt)
+        return Tag(pose, doubt + covariance, boot)
 
     def new_poses(self, at: Instant) -> list[tuple[int, Pose]]:
         """Poses that have become known since the last call, with their ROS times in ns.
@@ -276,7 +276,7 @@ class Vehicle:
         streams = self._streams.values()
         newest = self.clock.ros_time(self._history.newest) if self._history.newest else None
         return {
-            'autopilot': mavlink.enums['MAV_AUTOPILOT'][self._autopilot].name,
+            'autopilot': enum_name('MAV_AUTOPILOT', self._autopilot),
             'system/component': '{}/{}'.format(*self.identity) if self.identity else 'none',
             'silence (s)': number(silence, 2),
             'pose age (ms)': number(None if newest is None else at.ros - newest, 1, 1e-6),
@@ -305,8 +305,9 @@ class Vehicle:
             and source[1] == self._settings.component_id
         )
 
-    def _start_anew(self, at: Instant) -> None:
+    def _start_anew(self, now: int) -> None:
         """The autopilot has just been found or has rebooted: it knows of no request."""
+        self._trust, self.earth = Trust(self._settings, now), Earth()
         rate = self._settings.rate
         streams = [
             Stream('ATTITUDE_QUATERNION', rate, _LONGEST_PAUSE),
@@ -315,18 +316,14 @@ class Vehicle:
             *(Stream(*each) for each in self._trust.rates(self._autopilot).items()),
         ]
         self._streams = {stream.name: stream for stream in streams}
-        self._trust.restart(at.ros)
-        self.earth.clear()
-        self._clear()
-
-    def _clear(self) -> None:
-        self._streamed = 0
         self._clear_poses()
 
     def _clear_poses(self) -> None:
         """Forget all poses: their stamps start anew."""
-        self._history.clear()
+        self._history.attitudes.clear()
+        self._history.positions.clear()
         self._repeated.clear()
+        self._streamed = 0
         self._odometry_heard = -math.inf
         self._reset_counter: int | None = None
 
@@ -339,27 +336,23 @@ class Vehicle:
 
     def _on_timesync(self, message: Message, at: Instant) -> None:
         if self.clock.answer(message.tc1, message.ts1, at.ros):
-            self._start_anew(at)
+            self._start_anew(at.ros)
         elif self.clock.repeated_from is not None:
             gap = round(self._settings.maximum_gap * SECOND)
             self._repeated.append((self.clock.repeated_from, self._history.newest + gap))
 
-    def _on_attitude_quaternion(self, message: Message, at: Instant) -> None:
-        sample = pose_history.attitude(message)
-        self._add(self._history.add_attitude, sample, message, at)
-
-    def _on_local_position_ned(self, message: Message, at: Instant) -> None:
-        sample = pose_history.position(message)
-        self._add(self._history.add_position, sample, message, at)
-
-    def _add(
-        self, add: Callable[..., bool], sample: Sample | None, message: Message, at: Instant
+    def _on_sample(
+        self,
+        track: Track,
+        read: Callable[[Message], Sample | None],
+        message: Message,
+        at: Instant,
     ) -> None:
-        stamp = self.clock.unwrap(message.time_boot_ms, at.ros)
+        sample, stamp = read(message), self.clock.unwrap(message.time_boot_ms, at.ros)
         if sample is None:
             self._malformed += 1
         elif stamp is not None and at.steady - self._odometry_heard > _PREFERRED:
-            add(stamp, *sample)
+            track.add(stamp, sample)
 
     def _on_odometry(self, message: Message, at: Instant) -> None:
         samples = pose_history.odometry(message)
@@ -371,8 +364,8 @@ class Vehicle:
                 # The others' stamps are those of later moments: the two do not mix.
                 self._clear_poses()
             self._odometry_heard = at.steady
-            attitude, position, covariance = samples
             counter, self._reset_counter = self._reset_counter, message.reset_counter
             is_reset = counter is not None and counter != message.reset_counter
-            self._history.add_attitude(stamp, *attitude, is_reset)
-            self._history.add_position(stamp, *position, is_reset, True, covariance)
+            attitude, position = samples
+            self._history.attitudes.add(stamp, attitude._replace(is_reset=is_reset))
+            self._history.positions.add(stamp, position._replace(is_reset=is_reset))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ftp_dent_ros import files
 from ftp_dent_ros.nodes.settings import OF_NODES, read
@@ -38,18 +39,27 @@ def fitted(entries: Sequence[NodeEntry]) -> tuple[NodeEntry, ...]:
     return tuple(map(_fitted, entries))
 
 
+def settings_of(entry: NodeEntry) -> Any:
+    """A node's settings as it will have them: one of `OF_NODES`; raises as `fitted`."""
+    return read(OF_NODES[entry.executable], _given(entry))
+
+
+def _given(entry: NodeEntry) -> FileParameters:
+    values = {**dict(flat(entry.shared)), **dict(flat(entry.parameters))}
+    return FileParameters(values, entry.file.parent, f'{entry.file}: {entry.name}')
+
+
 def _fitted(entry: NodeEntry) -> NodeEntry:
-    where, folder = f'{entry.file}: {entry.name}', entry.file.parent
     if entry.executable == SIMULATED_AUTOPILOT:
         from ftp_dent_ros.simulation.autopilot import build_parser
 
-        given = FileParameters(entry.parameters, folder, where)
+        given = _given(replace(entry, shared={}))
         given.file('scene', f'{files.SHIPPED}scene.yaml', 'Scene file.')
         given.names.extend(vars(build_parser().parse_args([])))
         given.refuse_others()
     else:
-        own, shared = dict(flat(entry.parameters)), dict(flat(entry.shared))
-        given = FileParameters({**shared, **own}, folder, where)
+        own, given = dict(flat(entry.parameters)), _given(entry)
         read(OF_NODES[entry.executable], given)
-        given.refuse_others([name for name in shared if name not in own], names_of_all())
+        shared = [name for name, _ in flat(entry.shared) if name not in own]
+        given.refuse_others(shared, names_of_all())
     return replace(entry, absolute=given.absolute, files=given.files)

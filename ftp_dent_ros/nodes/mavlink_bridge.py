@@ -14,7 +14,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -221,8 +221,8 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         given = self.given
         self._origin: Origin | None = None
         self._mount = Pose.from_rpy(given.rpy, given.translation)
-        self._mount_covariance = pose_covariance.of_mount(
-            given.translation_uncertainty, given.rotation_uncertainty
+        self._mount_covariance = pose_covariance.diagonal(
+            3 * (given.translation_uncertainty,), 3 * (given.rotation_uncertainty,)
         )
         self.diagnostics.hardware_id = given.address
         self._waiting: deque[Waiting] = deque()
@@ -256,8 +256,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self.link = Link(
             given.address,
             given.baud,
-            # Of each photograph it is told where on the earth it was taken.
-            replace(given, earth=given.earth or given.is_camera),
+            given,
             self.now_ns,
             self._on_link_poses,
             given.signing_key or b'',

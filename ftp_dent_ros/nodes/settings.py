@@ -451,9 +451,7 @@ class MavlinkBridgeSettings(VehicleSettings):
         minimum=0.0001,
         maximum=MOST_CLOCK_ERROR,
     )
-    earth: bool = setting(
-        VehicleSettings.earth, "Whether the map's origin on the earth goes to the topic earth."
-    )
+    earth: bool = setting(False, "Whether the map's origin on the earth goes to the topic earth.")
     position_source: Literal['gps', 'other'] = setting(
         VehicleSettings.position_source,
         'What the autopilot navigates by: gps, which is watched then (no tag without a new '

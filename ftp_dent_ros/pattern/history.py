@@ -8,7 +8,6 @@ taken for what they would be by the clock of now.
 from __future__ import annotations
 
 import bisect
-import threading
 import time
 from collections.abc import Callable
 
@@ -17,7 +16,7 @@ from ftp_dent_ros.pattern.pattern import Pattern
 
 
 class PatternHistory:
-    """Patterns with the times from which on they were shown; any thread may ask.
+    """Patterns with the times from which on they were shown; any thread may ask, one adds.
 
     Parameters
     ----------
@@ -36,30 +35,26 @@ class PatternHistory:
         self._clock_offset, self._offset_ns = clock_offset, clock_offset()
         self.trouble = 'nothing came on the pattern topic yet: start pattern_publisher'
         # By steady time; the stamp as it was given tells a repeated message.
-        self._shown: list[tuple[int, int, Pattern]] = []
-        self._lock = threading.Lock()
+        self._shown: list[tuple[int, int, Pattern]] = []  # never changed, only replaced
 
     @property
     def latest(self) -> Pattern | None:
         """Pattern of the latest stamp, if one is known."""
-        with self._lock:
-            return self._shown[-1][2] if self._shown else None
+        shown = self._shown
+        return shown[-1][2] if shown else None
 
     def add(self, stamp_ns: int, pattern: Pattern) -> None:
         """Remember that `pattern` is shown from a time on, in whatever order they come."""
-        with self._lock:
-            self.trouble = ''
-            others = [entry for entry in self._shown if entry[1] != stamp_ns]
-            entry = (self._steady(stamp_ns), stamp_ns, pattern)
-            bisect.insort(others, entry, key=_time)
-            # Far more than change while a photograph is on its way.
-            self._shown = others[-64:]
+        others = [entry for entry in self._shown if entry[1] != stamp_ns]
+        bisect.insort(others, (self._steady(stamp_ns), stamp_ns, pattern), key=_time)
+        # Far more than change while a photograph is on its way.
+        self._shown = others[-64:]
+        self.trouble = ''
 
     def forget(self, trouble: str) -> None:
         """Forget the patterns: what is shown is not known any more, and `trouble` says why."""
-        with self._lock:
-            self.trouble = trouble
-            self._shown = []
+        self.trouble = trouble
+        self._shown = []
 
     def at(self, stamp_ns: int) -> Pattern:
         """Pattern that a photograph shows.
@@ -76,10 +71,9 @@ class PatternHistory:
         PatternChangeError
             The photograph was taken while the pattern changed.
         """
-        with self._lock:
-            shown, trouble = self._shown, self.trouble
+        shown = self._shown
         if not shown:
-            raise NoPatternError(trouble)
+            raise NoPatternError(self.trouble)
         if stamp_ns == 0:
             raise NoPatternError(
                 'the photograph has no stamp, so that it is not known which pattern it shows: '

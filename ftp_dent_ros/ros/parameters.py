@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -118,19 +119,18 @@ def _descriptor(declaration: Declaration) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=declaration.description, read_only=not declaration.changeable
     )
-    if declaration.choices:
-        descriptor.additional_constraints = f'One of {", ".join(declaration.choices)}.'
-    if declaration.above is not None:
-        descriptor.additional_constraints = f'Above {declaration.above:g}.'
-    lowest = declaration.above if declaration.minimum is None else declaration.minimum
-    if lowest is None or declaration.maximum is None:
+    limits = declaration.limits
+    if limits.choices:
+        descriptor.additional_constraints = f'One of {", ".join(limits.choices)}.'
+    if math.isfinite(limits.above):
+        descriptor.additional_constraints = f'Above {limits.above:g}.'
+    lowest, highest = max(limits.low, limits.above), limits.high
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
         return descriptor
     if isinstance(declaration.default, float):
         descriptor.floating_point_range = [
-            FloatingPointRange(from_value=float(lowest), to_value=float(declaration.maximum))
+            FloatingPointRange(from_value=float(lowest), to_value=float(highest))
         ]
     elif isinstance(declaration.default, int):
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(lowest), to_value=int(declaration.maximum))
-        ]
+        descriptor.integer_range = [IntegerRange(from_value=int(lowest), to_value=int(highest))]
     return descriptor

@@ -59,9 +59,7 @@ _SHORTEST_US, _LONGEST_US = 4_000, 3_600 * _SECOND_US
 _HOPELESS_NS = _NS // 2
 _DEFAULTS_US = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _SECOND_US,
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _SECOND_US,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _SECOND_US,
-    mavlink.MAVLINK_MSG_ID_TIMESYNC: 10 * _SECOND_US,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 0,
@@ -118,9 +116,7 @@ class Telemetry:
         self._ratio = 0.0
         self.messages: dict[int, Callable[[int], Any]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
-            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: self._system_time,
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator_status,
-            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync_request,
             mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._position,
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position,
@@ -148,13 +144,9 @@ class Telemetry:
             3,
         )
 
-    def _system_time(self, boot_ns: int) -> Any:
-        unix_us = (self._boot_ns + boot_ns) // 1000
-        return mavlink.MAVLink_system_time_message(unix_us, milliseconds(boot_ns))
-
     def _estimator_status(self, boot_ns: int) -> Any:
         uptime, faults = self._uptime(boot_ns), self._world.faults
-        if not faults.is_frozen(uptime):
+        if not faults.without_gps(uptime):
             # A new one with every fix.
             self._ratio = 0.5 + 0.4 * math.sin(2.4 * (boot_ns // _FIX_NS))
         # ArduPilot flies on by its inertial sensors for as long before it says so; seconds.
@@ -164,9 +156,6 @@ class Telemetry:
         return mavlink.MAVLink_ekf_status_report_message(
             _READY if is_ready else _WITHOUT_POSITION, *ratios, 0.02, 0.0
         )
-
-    def _timesync_request(self, boot_ns: int) -> Any:
-        return mavlink.MAVLink_timesync_message(0, boot_ns)
 
     def _origin(self, boot_ns: int) -> Any:
         return mavlink.MAVLink_gps_global_origin_message(*_ORIGIN, boot_ns // 1000)
@@ -240,13 +229,12 @@ class Autopilot:
         Where the drone is at a ROS time.
     link : mavutil.mavfile
         From `open_link`.
-    uptime : float
-        Seconds since its boot when it is made.
     """
 
-    def __init__(self, world: World, link: Any, uptime: float) -> None:
+    def __init__(self, world: World, link: Any) -> None:
         self._link = link
-        self._boot_ns = time.time_ns() - round(uptime * 1e3) * 1_000_000
+        # It has been on for a minute.
+        self._boot_ns = time.time_ns() - 60 * _NS
         self._telemetry = Telemetry(world, self._boot_ns, self.time_since_boot_ns())
         # Interval and next time of each message that is sent by itself, nanoseconds.
         self._streams: dict[int, tuple[int, int]] = {}
@@ -309,13 +297,13 @@ class Autopilot:
             if number not in _DEFAULTS_US or not usual:
                 return mavlink.MAV_RESULT_DENIED
             self._stream(int(number), int(interval) or _DEFAULTS_US[int(number)])
-            return mavlink.MAV_RESULT_ACCEPTED
-        if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+        elif message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             if message.param1 not in self._telemetry.messages:
                 return mavlink.MAV_RESULT_DENIED
             self._send(int(message.param1), self.time_since_boot_ns())
-            return mavlink.MAV_RESULT_ACCEPTED
-        return mavlink.MAV_RESULT_UNSUPPORTED
+        else:
+            return mavlink.MAV_RESULT_UNSUPPORTED
+        return mavlink.MAV_RESULT_ACCEPTED
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -330,9 +318,6 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--start-ns', type=int, default=0, help='ROS time at which the flight starts, ns'
     )
-    parser.add_argument(
-        '--uptime', type=float, default=60.0, help='seconds since boot at the start'
-    )
     return parser
 
 
@@ -342,9 +327,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         world = read_world(parsed.scene, parsed.start_ns)
-        if not 0 <= parsed.uptime < 1e9:
-            raise ConfigurationError(f'--uptime is {parsed.uptime}: give seconds, 0 or more')
-        Autopilot(world, open_link(parsed.address), parsed.uptime).run()
+        Autopilot(world, open_link(parsed.address)).run()
     except FtpDentError as error:
         print(f'simulated_autopilot: {error}', file=sys.stderr)
         return 2

@@ -154,24 +154,15 @@ class Faults(Checked):
     gps_lost_from, gps_lost_for : float
         Without GPS the estimate drifts off, its test ratios stand still, and for 7 s it says that
         it is ready.
-    frozen_from, frozen_for : float
-        The test ratios stand still, for no measurement is used.
     """
 
     gps_lost_from: NotNegative = 0.0
     gps_lost_for: NotNegative = 0.0
-    frozen_from: NotNegative = 0.0
-    frozen_for: NotNegative = 0.0
 
     def without_gps(self, uptime: float) -> float:
         """For how long there has been no GPS, seconds; 0 while there is."""
         since = uptime - self.gps_lost_from
         return since if self.gps_lost_from and 0 <= since < self.gps_lost_for else 0.0
-
-    def is_frozen(self, uptime: float) -> bool:
-        """Whether the test ratios stand still."""
-        since = uptime - self.frozen_from if self.frozen_from else -1.0
-        return 0 <= since < self.frozen_for or self.without_gps(uptime) > 0
 
     def drift(self, uptime: float) -> NDArray[np.float64]:
         """How far the estimate has drifted off, shape (3,), metres."""

@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from ftp_dent_ros.simulation.dents import DIRECTIONS
+from ftp_dent_ros.simulation.dents import DIRECTIONS, Dent
 from ftp_dent_ros.simulation.surface import Panel, Surface
+
+# Of outlines and borders.
+_CORNERS = 72
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,51 +50,38 @@ class TrueDent:
     border: NDArray[np.float64]
 
 
-def true_dents(surface: Surface, corners: int = 72) -> tuple[TrueDent, ...]:
+def true_dents(surface: Surface) -> tuple[TrueDent, ...]:
     """Dents of a surface's panels, in the surface's frame."""
-    return tuple(
-        _true_dent(panel, index, corners)
-        for panel in surface.panels
-        for index in range(len(panel.dents))
-    )
+    return tuple(_true_dent(panel, dent) for panel in surface.panels for dent in panel.dents)
 
 
-def _on_bare_skin(panel: Panel, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y = places.T
-    height, _, _ = panel.bare_height(x, y)
-    return panel.pose.apply(np.stack([x, y, height], axis=-1))
-
-
-def _true_dent(panel: Panel, index: int, corners: int) -> TrueDent:
-    dent = panel.dents[index]
-    angles = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+def _true_dent(panel: Panel, dent: Dent) -> TrueDent:
+    angles = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
     along = np.array([np.cos(dent.angle), np.sin(dent.angle)])
     across = np.array([-along[1], along[0]])
     length, width = dent.size_at(0.1)
 
     def on_skin(offsets: NDArray) -> NDArray[np.float64]:
-        return _on_bare_skin(panel, np.array([dent.x, dent.y]) + offsets)
+        x, y = (np.array([dent.x, dent.y]) + offsets).T
+        height, _, _ = panel.bare_height(x, y)
+        return panel.pose.apply(np.stack([x, y, height], axis=-1))
 
-    def ellipse(full_length: float, full_width: float) -> NDArray[np.float64]:
-        a, b = full_length / 2 * np.cos(angles), full_width / 2 * np.sin(angles)
-        return on_skin(a[:, None] * along + b[:, None] * across)
-
+    a, b = dent.length / 2 * np.cos(angles), dent.width / 2 * np.sin(angles)
     (centre,) = on_skin(np.zeros((1, 2)))
     (normal,) = panel.normal(np.array([dent.x]), np.array([dent.y]), bare=True)
     into = panel.pose.rotation.apply([0.0, 0.0, 1.0])
     (ahead,) = on_skin(1e-4 * along[None])
-    axis = (ahead - centre) / np.linalg.norm(ahead - centre)
     return TrueDent(
         kind=dent.kind,
         position=centre,
         normal=normal,
-        axis=axis,
+        axis=(ahead - centre) / np.linalg.norm(ahead - centre),
         # The panel's dents are added along its z axis.
         depth=float(-dent.depth * (into @ normal)),
         length=length,
         width=width,
-        outline=on_skin(dent.outline(0.1)[:: DIRECTIONS // corners]),
-        border=ellipse(dent.length, dent.width),
+        outline=on_skin(dent.outline(0.1)[:: DIRECTIONS // _CORNERS]),
+        border=on_skin(a[:, None] * along + b[:, None] * across),
     )
 
 

@@ -4,27 +4,70 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.errors import CameraError, ConfigurationError
-from ftp_dent_ros.fields import Count, Fields, Share
+from ftp_dent_ros.fields import Count, Fields, Limits, Pair, Positive, Share, Triple
 from ftp_dent_ros.files import find
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.simulation.dents import (
+    Cap,
+    Crater,
+    Dent,
+    FlatBottomed,
+    Gaussian,
+    Plate,
+    RaisedCosine,
+    Rivet,
+    Smooth,
+    Valley,
+    domed_rivet,
+)
 from ftp_dent_ros.simulation.flight import EstimateErrors, Faults, Flight
+from ftp_dent_ros.simulation.paint import (
+    Dirt,
+    Lettering,
+    Mark,
+    Paint,
+    PaintPatch,
+    Sunlight,
+    board_print,
+    scratches,
+)
 from ftp_dent_ros.simulation.renderer import Renderer
-from ftp_dent_ros.simulation.scene import pose_from, surface_from
 from ftp_dent_ros.simulation.sensor import Photometry
-from ftp_dent_ros.simulation.surface import Surface
+from ftp_dent_ros.simulation.surface import Panel, Surface, Wave
 from ftp_dent_ros.simulation.view import CameraMotion
 from ftp_dent_ros.yaml_file import read_yaml
 
+_MARKS: dict[str, Any] = {
+    'dirt': Dirt,
+    'patch': PaintPatch,
+    'lettering': Lettering,
+    'scratches': scratches,
+}
+_RIVETS: dict[str, Any] = {'flush': Rivet, 'domed': domed_rivet}
+_SHAPES: dict[str, Any] = {
+    'smooth': Smooth,
+    'cosine': RaisedCosine,
+    'gaussian': Gaussian,
+    'cap': Cap,
+    'flat': FlatBottomed,
+    'crater': Crater,
+    'oil_can': Plate,
+    'crease': Valley,
+    'gouge': Valley,
+}
 # The optical frame of a camera that looks along the drone's nose.
 _FORWARD = {'translation': [0.1, 0, 0], 'rpy': [-math.pi / 2, 0, -math.pi / 2]}
 
@@ -150,20 +193,82 @@ def read_world(path: str | os.PathLike[str], start_ns: int = 0) -> World:
     camera, autopilot = scene.block('camera'), scene.block('autopilot', {})
     flight = scene.block('flight')
     world = World(
-        surface=surface_from(scene),
-        flight=flight.record(Flight, middle=pose_from(flight.block('middle'))),
-        mount=pose_from(camera.block('mount', _FORWARD)),
+        surface=_surface(scene),
+        flight=flight.record(Flight, middle=_pose(flight.block('middle'))),
+        mount=_pose(camera.block('mount', _FORWARD)),
         photometry=scene.block('photometry', {}).record(Photometry),
         exposure_time=camera.take('exposure_time', Share),
         seed=camera.take('seed', Count, 0),
         start_ns=start_ns,
         errors=autopilot.block('errors', {}).record(EstimateErrors),
         faults=autopilot.block('faults', {}).record(Faults),
-        board_poses=tuple(map(pose_from, scene.blocks('board_poses', ()))),
+        board_poses=tuple(map(_pose, scene.blocks('board_poses', ()))),
     )
     for block in (camera, autopilot, scene):
         block.finish()
     return world
+
+
+def _pose(fields: Fields) -> Pose:
+    """A block's `translation` (metres) and `rpy` (roll, pitch, yaw, radians: REP 103)."""
+    pose = Pose.from_rpy(fields.take('rpy', Triple), fields.take('translation', Triple))
+    fields.finish()
+    return pose
+
+
+def _surface(scene: Fields) -> Surface:
+    """The list `panels`, in ``map``."""
+    panels = tuple(
+        panel.record(
+            Panel,
+            pose=_pose(panel.block('pose')),
+            paint=_paint(panel.block('paint', {})),
+            dents=tuple(map(_dent, panel.blocks('dents', ()))),
+            rivets=tuple(r for row in panel.blocks('rivet_rows', ()) for r in _rivets(row)),
+            waves=tuple(part.record(Wave) for part in panel.blocks('waves', ())),
+            sunlight=tuple(part.record(Sunlight) for part in panel.blocks('sunlight', ())),
+        )
+        for panel in scene.blocks('panels')
+    )
+    if not panels:
+        raise scene.refusal('panels', [], 'one panel or more')
+    return Surface(panels)
+
+
+def _paint(fields: Fields) -> Paint:
+    if 'board' in fields:
+        # A calibration board's print; its first inner corner is the panel's origin.
+        paint = board_print(fields.take('board', Board))
+        fields.finish()
+        return paint
+    marks = tuple(mark for part in fields.blocks('marks', ()) for mark in _marks(part))
+    return fields.record(Paint, marks=marks)
+
+
+def _marks(fields: Fields) -> tuple[Mark, ...]:
+    """One mark, or the scratches of a seed."""
+    made = fields.record(fields.choice('kind', _MARKS))
+    return made if isinstance(made, tuple) else (made,)
+
+
+def _dent(fields: Fields) -> Dent:
+    name = fields.take('shape', Annotated[str, Limits(choices=tuple(_SHAPES))], 'smooth')
+    kind = _SHAPES[name]
+    if kind is Valley:
+        width, depth = fields.take('width', Positive), fields.take('depth', float)
+        shape = fields.part(Valley.of_radius, width=width, depth=depth, kind=name)
+        return fields.record(Dent, shape=shape, width=width, depth=depth)
+    return fields.record(Dent, shape=fields.part(kind))
+
+
+def _rivets(fields: Fields) -> Iterator[Rivet | Dent]:
+    """Rivets at equal steps from the first."""
+    first, step = (np.array(fields.take(name, Pair)) for name in ('first', 'step'))
+    count = fields.take('count', Annotated[int, Limits(0, 10_000)])
+    one = fields.record(fields.choice('kind', _RIVETS, 'flush'), x=0.0, y=0.0)
+    for index in range(count):
+        x, y = first + index * step
+        yield replace(one, x=float(x), y=float(y))
 
 
 class LiveWorld:
@@ -204,8 +309,5 @@ class LiveWorld:
         return world.photograph(rig, projected, stamp_ns)
 
     def _read(self) -> World:
-        try:
-            status = os.stat(self._path)
-        except OSError:
-            return read_world(self._path, self._start_ns)
+        status = find(self._path).stat()
         return _world_of(self._path, self._start_ns, (status.st_mtime_ns, status.st_ino))

@@ -88,9 +88,3 @@ def test_bad_usage_is_one_line(words, sentence, capsys) -> None:
     assert main(['link-check', *words]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert sentence in line
-
-
-def test_an_estimator_that_is_never_heard_of_is_no_go(port, wire, capsys) -> None:
-    with HoveringAutopilot(wire) as autopilot:
-        autopilot.reports = False
-        refused(port, '4', 'the autopilot does not report the state of its estimator', capsys)

@@ -4,7 +4,7 @@ from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.evaluation.page import write_page
 from ftp_dent_ros.evaluation.study import Entry, Figures, StudyTrial, cases, steps
 
-NONE = StudyTrial(Figures(*[float('nan')] * 4, 0.0, float('nan')), None, None)
+NONE = StudyTrial(Figures(coverage=0.0), None)
 
 
 def test_the_page_holds_every_row_and_stands_alone(tmp_path):
@@ -29,4 +29,4 @@ def test_steps_are_counted():
 def test_an_output_that_cannot_be_made_is_one_line(tmp_path, capsys):
     (tmp_path / 'file').write_text('')
     assert main(['evaluate', '--quick', '--output', str(tmp_path / 'file' / 'x')]) == 2
-    assert 'name another folder' in capsys.readouterr().err
+    assert 'give another place' in capsys.readouterr().err

@@ -47,14 +47,6 @@ def test_an_impossible_report_says_nothing(report, wrong: float) -> None:
             assert pose_covariance.reported(report(*values)) is None
 
 
-@pytest.mark.parametrize(('height', 'error'), [(3.0, 0.10), (5.0, 0.18), (6.0, 0.22), (8.0, 0.31)])
-def test_heights_as_measured_on_a_live_autopilot_are_stated(height: float, error: float) -> None:
-    covariance = pose_covariance.reported(ekf(0, 0.001, 0)) + pose_covariance.of_height(
-        height, 0.04
-    )
-    assert 0.5 < deviations(covariance)[2] / error < 2
-
-
 def test_what_is_mounted_on_a_vehicle_moves_with_it() -> None:
     rng = np.random.default_rng(8)
     pose = Pose(Rotation.random(random_state=1), np.array([4.0, 5.0, 6.0]))

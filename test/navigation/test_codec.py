@@ -56,6 +56,9 @@ def test_with_a_key_only_what_is_signed_with_it_is_taken() -> None:
     assert types(codec, bytes(broken)) == []
     assert codec.refused == 3
     assert codec.bad_bytes == 0
+    # What follows in the datagram, cut short, does not hide why.
+    assert types(codec, signed(bytes(32)) + b'\xfd') == []
+    assert codec.refusal == (NOW, 'key')
     assert types(codec, signed(at=NOW + 2 * 10**9)) == ['HEARTBEAT']
 
 

@@ -11,7 +11,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle import World
 
 from ftp_dent_ros.navigation.origin import Origin
-from ftp_dent_ros.navigation.settings import VehicleSettings
 
 ORIGIN = Origin(47.45, 8.56, 430.0)
 ORIGIN_ID = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
@@ -29,36 +28,31 @@ def gps(fix: int = 3, altitude: int = 435_000, ellipsoid: int = 482_000) -> Any:
     )
 
 
-class Abroad(World):
-    def __init__(self) -> None:
-        super().__init__(VehicleSettings(earth=True))
-
-
 def test_what_the_autopilot_says_is_the_origin() -> None:
-    world = Abroad().run(3)
+    world = World().run(3)
     world.say(said())
     assert world.vehicle.earth.origin.distance(ORIGIN) < 0.01
     assert math.isnan(world.vehicle.earth.origin.altitude)
     world.say(gps())
     assert world.vehicle.earth.origin.above_sea == pytest.approx(430.0)
     assert world.vehicle.earth.origin.altitude == pytest.approx(477.0)
+    world.say(said(latitude=47.46))
+    assert world.vehicle.earth.origin.latitude == pytest.approx(47.46)
 
 
 @pytest.mark.parametrize(
     'message', [said(0, 0), said(91, 8), said(47, 185), gps(fix=1), gps(ellipsoid=0)]
 )
 def test_what_is_no_place_is_not_taken(message: Any) -> None:
-    world = Abroad().run(0.1)
+    world = World().run(0.1)
     world.say(message)
     assert world.vehicle.earth.origin is None
 
 
 def test_the_origin_is_asked_for_until_it_is_known_and_again_after_a_reboot() -> None:
-    world = Abroad()
-    world.run(10)
+    world = World().run(10)
     assert 3 <= world.asked.count(ORIGIN_ID) <= 4
     world.say(said())
-    world.say(gps())
     world.asked.clear()
     world.run(5)
     assert ORIGIN_ID not in world.asked
@@ -66,15 +60,6 @@ def test_the_origin_is_asked_for_until_it_is_known_and_again_after_a_reboot() ->
     world.run(2)
     assert world.vehicle.earth.origin is None
     assert ORIGIN_ID in world.asked
-
-
-def test_without_the_wish_the_origin_alone_is_asked_that_a_move_is_seen() -> None:
-    world = World().run(5)
-    assert world.asked.count(ORIGIN_ID) == 1
-    world.say(said())
-    assert world.vehicle.earth.origin.latitude == pytest.approx(47.45)
-    world.say(said(latitude=47.46))
-    assert world.vehicle.earth.origin.latitude == pytest.approx(47.46)
 
 
 @pytest.mark.parametrize('latitude', [-60.0, 0.0, 47.0, 80.0])

@@ -42,8 +42,7 @@ class Reports:
     """Reports of an estimator that navigates without GPS; times in seconds."""
 
     def __init__(self, *reports: tuple[float, bool]) -> None:
-        self.trust = Trust(VehicleSettings(position_source='other'))
-        self.trust.restart(0)
+        self.trust = Trust(VehicleSettings(position_source='other'), 0)
         for at, ready in reports:
             self.add(at, flags=0x33F if ready else 0)
 
@@ -78,27 +77,11 @@ def test_a_stamp_needs_two_good_reports_around_it() -> None:
     assert Reports((10, True)).reason(10.2, 10.3) == ('estimator report awaited', True)
 
 
-def test_one_that_reports_nothing_is_not_believed() -> None:
-    reports = Reports()
-    assert reports.reason(0.2, 0.5) == ('estimator report awaited', True)
-    assert reports.reason(1, 4) == ('estimator not reported', False)
-    assert reports.state(4) == 'not reported'
-
-
 def test_one_that_stopped_reporting_is_not() -> None:
     reports = Reports((10, True), (20, True))
     assert reports.reason(15, 20) == ('estimator not reported', False)
     assert reports.state(21) == 'ready'
     assert reports.state(24) == 'not reported'
-
-
-def test_after_a_restart_it_is_as_new() -> None:
-    reports = Reports((10, True), (11, True))
-    reports.trust.restart(12 * S)
-    assert reports.reason(10.5, 12) == ('estimator report awaited', True)
-    assert reports.state(12) == 'not reported'
-    reports.add(13, flags=0)
-    assert reports.state(13) == 'not ready'
 
 
 @pytest.mark.parametrize('rate', [1, 5, 10])

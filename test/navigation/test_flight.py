@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import socket
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flight_player import VEHICLE, Flight, FlightPlayer
-from flight_replay import Outcome, compare, own_poses, replay
+from flight_replay import VEHICLE, Flight, Outcome, compare, own_poses, replay
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import frames
-from ftp_dent_ros.navigation.link import Link
-from ftp_dent_ros.navigation.settings import VehicleSettings
 from ftp_dent_ros.navigation.trust import is_ready
 
 
@@ -27,7 +20,7 @@ def flight(data: Path) -> Flight:
 
 @pytest.fixture(scope='module')
 def outcome(flight: Flight) -> Outcome:
-    return replay(flight, flight.truth().times, settings=VehicleSettings(earth=True))
+    return replay(flight, flight.truth().times)
 
 
 def ready_time(flight: Flight) -> int:
@@ -131,48 +124,3 @@ def test_the_maps_origin_is_what_the_autopilot_says(flight: Flight, outcome: Out
     origin = outcome.vehicle.earth.origin
     assert origin.latitude == pytest.approx(1e-7 * said.latitude, abs=1e-9)
     assert origin.altitude == pytest.approx(origin.above_sea)  # the simulator has no geoid
-
-
-def test_four_seconds_of_it_over_a_socket_in_real_time(flight: Flight) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(('127.0.0.1', 0))
-        address = probe.getsockname()
-    news = threading.Event()
-    link = Link(
-        f'udpin:{address[0]}:{address[1]}', 0, VehicleSettings(), on_poses=lambda poses: news.set()
-    )
-    begin = (flight.of('HEARTBEAT')[75][0] - flight.times[0]) / 1e9 - 0.1
-    try:
-        with FlightPlayer(flight, address, begin, begin + 4) as player:
-            shift = player.shift()
-            first = flight.times[0] + int(begin * 1e9)
-            truth = flight.truth()
-            wanted = [at for at in truth.times if 1.5e9 < at - first < 3e9]
-            poses = {at: settled(link, news, at + shift) for at in wanted}
-        state = link.state()
-    finally:
-        link.close()
-    given = {at: pose for at, pose in poses.items() if pose is not None}
-    assert len(given) > 0.9 * len(wanted)
-    errors = compare(list(given.values()), *own_poses(flight, list(given)))
-    assert np.all(errors.largest()[0] < 0.03)
-    assert state.identity == VEHICLE
-    assert int(state.figures['messages of others']) > 0
-    assert {m.get_type() for m in player.received} == {'TIMESYNC', 'COMMAND_LONG'}
-
-
-def settled(link: Link, news: threading.Event, stamp: int):
-    """Pose at a stamp, once that is past, or None if it is refused."""
-    while time.time_ns() < stamp:
-        news.wait((stamp - time.time_ns()) / 1e9)
-        news.clear()
-    for _ in range(2000):
-        news.clear()
-        try:
-            return link.tag_at(stamp).pose
-        except PoseAwaitedError as error:
-            reason = error.reason
-        except PoseError:
-            return None
-        news.wait(0.1)
-    pytest.fail(f'still waiting: {reason}')

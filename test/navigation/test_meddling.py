@@ -25,15 +25,6 @@ def test_another_client_that_changes_the_rates_each_second_costs_few_poses() -> 
     assert world.verdict() == 'believing the autopilot 1/1'
 
 
-def test_losses_on_the_link_cost_few_requests() -> None:
-    world, rng = World().run(3), np.random.default_rng(3)
-    world.asked.clear()
-    say = world.say
-    world.say = lambda *what: rng.random() > 0.05 and say(*what)  # type: ignore[method-assign]
-    world.run(30)
-    assert len([each for each in world.asked if each in world.grants]) < 5
-
-
 def test_round_trips_that_are_too_long_name_the_remedy() -> None:
     for allowed, is_known in ((0.01, False), (0.03, True)):
         world = World(VehicleSettings(maximum_clock_error=allowed))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
-from ftp_dent_ros.navigation.pose_history import PoseHistory
+from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample
 
 MS = 1_000_000
 
@@ -34,13 +36,20 @@ class Circle:
     def body_rate(self, stamp: int) -> np.ndarray:
         return self.attitude(stamp).inv().apply([0.0, 0.0, self.rate])
 
-    def feed(self, history: PoseHistory, attitudes: range, positions: range) -> PoseHistory:
+    def feed(
+        self,
+        history: PoseHistory,
+        attitudes: Iterable[int],
+        positions: Iterable[int],
+        turned: Callable[[int, Rotation], np.ndarray] = lambda stamp, turn: turn.as_quat(),
+    ) -> PoseHistory:
+        """Samples at some milliseconds; `turned` is what is said of an attitude."""
         for stamp in attitudes:
-            history.add_attitude(
-                stamp * MS, self.attitude(stamp * MS).as_quat(), self.body_rate(stamp * MS)
-            )
+            said = turned(stamp, self.attitude(stamp * MS))
+            history.attitudes.add(stamp * MS, Sample(said, self.body_rate(stamp * MS)))
         for stamp in positions:
-            history.add_position(stamp * MS, self.position(stamp * MS), self.velocity(stamp * MS))
+            place, speed = self.position(stamp * MS), self.velocity(stamp * MS)
+            history.positions.add(stamp * MS, Sample(place, speed))
         return history
 
 
@@ -65,13 +74,8 @@ def test_at_50_hz_interpolation_costs_under_2_mm_and_a_twentieth_of_a_degree() -
 
 
 def test_a_change_of_the_quaternions_sign_is_no_motion() -> None:
-    history, circle = PoseHistory(), Circle()
-    for index, stamp in enumerate(range(0, 200, 20)):
-        sign = -1 if index % 2 else 1
-        history.add_attitude(
-            stamp * MS, sign * circle.attitude(stamp * MS).as_quat(), circle.body_rate(stamp * MS)
-        )
-    circle.feed(history, range(0), range(0, 200, 20))
+    history, circle, stamps = PoseHistory(), Circle(), range(0, 200, 20)
+    circle.feed(history, stamps, stamps, lambda at, turn: (-1) ** (at // 20) * turn.as_quat())
     turn = (history.at(50 * MS)[0].rotation.inv() * circle.attitude(50 * MS)).magnitude()
     assert np.degrees(turn) < 0.01
     assert history.resets == 0
@@ -100,12 +104,11 @@ def test_nothing_is_interpolated_across_a_gap() -> None:
 
 
 def test_a_yaw_reset_is_seen_and_not_interpolated_across() -> None:
-    history, circle = PoseHistory(), Circle()
-    for stamp in range(0, 400, 20):
+    def turned(stamp: int, turn: Rotation) -> np.ndarray:
         reset = Rotation.from_euler('z', 2.46 if stamp >= 200 else 0.0, degrees=True)
-        attitude = reset * circle.attitude(stamp * MS)
-        history.add_attitude(stamp * MS, attitude.as_quat(), circle.body_rate(stamp * MS))
-    circle.feed(history, range(0), range(0, 400, 20))
+        return (reset * turn).as_quat()
+
+    history = Circle().feed(PoseHistory(), range(0, 400, 20), range(0, 400, 20), turned)
     assert history.resets == 1
     assert reason_at(history, 181 * MS) == 'estimator reset'
     assert reason_at(history, 199 * MS) == 'estimator reset'

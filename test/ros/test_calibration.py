@@ -243,7 +243,7 @@ def test_a_payload_gets_go_and_a_wrong_rig_no_go(ros, domain, rig, rig_file, tmp
     assert done.returncode == 0
     for name in ('exposure', 'focus', 'flicker', 'ambient', 'stripe', 'distance', 'clock', 'disk'):
         assert name in done.stdout
-    blocks['reconstruction']['rig'] = str(wrong)
+    blocks['reconstruction']['rig'] = wrong.name  # beside the configuration
     done = preflight()
     assert done.returncode == 1
     assert 'NO GO: rig: the rig does not hold: the projector has turned, pitch' in done.stdout

@@ -49,7 +49,7 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
         "camera_capture: parameter source is 'webcam': give ": ros.start(
             'camera_capture', source='webcam'
         ),
-        'reconstruction: parameter stride is 0: give ': ros.start(
+        'reconstruction: parameter stride is 0: give a whole number from 1 to': ros.start(
             'reconstruction', rig=rig_file, stride=0
         ),
     }
@@ -81,7 +81,7 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
         (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
         (CameraCapture, {'device.width': 0}, 'set rig, or device.width and device.height'),
         (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
-        (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give auto or start or end'),
+        (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give one of auto, start, end'),
         (MavlinkBridge, {'address': 'udp:14550'}, 'udpin:HOST:PORT'),
         (MavlinkBridge, {'rate': 5000.0}, 'from 10 to 200'),
         (DentInspector, {'rules': 'BROKEN'}, 'limits'),

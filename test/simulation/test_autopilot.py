@@ -61,7 +61,7 @@ class Client:
 
 @pytest.fixture
 def client():
-    client = Client('--uptime', '77')
+    client = Client()
     client.receive('GPS_GLOBAL_ORIGIN')  # Its first message says where it is.
     yield client
     client.close()
@@ -69,7 +69,7 @@ def client():
 
 def test_it_is_a_quadrotor_that_sends_no_pose_unasked(client):
     seen = {}
-    while 'SYSTEM_TIME' not in seen or 'EKF_STATUS_REPORT' not in seen:
+    while 'EKF_STATUS_REPORT' not in seen:
         message = client.link.recv_match(blocking=True, timeout=60)
         seen[message.get_type()] = message
     assert not seen.keys() & {'ATTITUDE_QUATERNION', 'LOCAL_POSITION_NED'}
@@ -78,9 +78,6 @@ def test_it_is_a_quadrotor_that_sends_no_pose_unasked(client):
     assert heartbeat.get_srcComponent() == 1
     assert heartbeat.type == mavlink.MAV_TYPE_QUADROTOR
     assert heartbeat.get_msgbuf()[0] == 0xFD, 'not MAVLink 2'
-    times = seen['SYSTEM_TIME']
-    assert 77_000 <= times.time_boot_ms < 77_000 + 60_000
-    assert abs(times.time_unix_usec / 1e6 - time.time()) < 20
     assert seen['EKF_STATUS_REPORT'].flags == 0x33F
 
 
@@ -157,7 +154,7 @@ def test_garbage_and_cut_frames_do_it_no_harm(client):
 
 
 def test_it_answers_when_all_its_streams_are_stopped(client):
-    for name in ('HEARTBEAT', 'SYSTEM_TIME', 'EKF_STATUS_REPORT', 'TIMESYNC'):
+    for name in ('HEARTBEAT', 'EKF_STATUS_REPORT'):
         message_id = getattr(mavlink, f'MAVLINK_MSG_ID_{name}')
         assert client.ask(message_id, -1) == mavlink.MAV_RESULT_ACCEPTED
     assert client.ask(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 0) == mavlink.MAV_RESULT_ACCEPTED
@@ -175,19 +172,11 @@ def test_gps_says_where_it_truly_is_and_the_rest_what_is_estimated(client):
     assert 1e-7 * fix.lat == pytest.approx(47.45 + 7.5 / 111_319, abs=1e-4)
 
 
-def test_a_clock_of_many_days_wraps():
-    client = Client('--uptime', str(2**32 / 1e3 + 5))
-    try:
-        assert client.receive('SYSTEM_TIME').time_boot_ms < 60_000
-    finally:
-        client.close()
-
-
 def test_a_late_joiner_gets_the_same_clock(client):
     client.link.mav.timesync_send(0, 12345)
     first = client.receive('TIMESYNC')
     assert first.ts1 == 12345
-    assert 77e9 <= first.tc1 < 137e9
+    assert 60e9 <= first.tc1 < 120e9
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -215,8 +204,6 @@ def test_bad_input_ends_it_with_one_line():
         (('--address', 'udpout:127.0.0.1:70000'), 'is no address'),
         (('--address', 'udpin:192.0.2.1:14550'), 'cannot be opened'),
         (('--address', 'nowhere'), 'is no address'),
-        (('--uptime', 'nan'), '--uptime is nan: give seconds'),
-        (('--uptime', '-1'), '--uptime is -1.0: give seconds, 0 or more'),
     ],
 )
 def test_a_wrong_option_is_named(options, words, monkeypatch, capsys):

@@ -54,18 +54,6 @@ def test_a_dent_is_pushed_in_and_a_bump_stands_out(world_of):
     np.testing.assert_allclose(depth(world, [0, -0.05, 0.05]), [0.6, 0.602, 0.599], atol=2e-6)
 
 
-def test_two_touching_dents_add_up(world_of):
-    dents = [
-        {'x': x, 'y': 0, 'length': 0.04, 'width': 0.04, 'depth': 0.002} for x in (-0.012, 0.012)
-    ]
-    world = world_of([panel(dents=dents)])
-    ridge, left, right = depth(world, [0.0, -0.012, 0.012])
-    bell = np.exp(1 - 1 / (1 - 0.6**2))
-    assert ridge == pytest.approx(0.6 + 2 * 0.002 * bell, abs=1e-6)
-    assert left == pytest.approx(right, abs=1e-9)
-    assert 0.6019 < left < 0.6025
-
-
 def test_a_lap_joint_is_a_step_of_a_sheet(world_of):
     lap = [panel(extent=(-0.5, 0.01, -0.5, 0.5)), panel(0.0016, extent=(-0.02, 0.5, -0.5, 0.5))]
     world = world_of(lap)

@@ -1,11 +1,13 @@
 """The sensor: noise, blur, gamma, colour filter, compression."""
 
 import dataclasses
+import math
 
 import cv2
 import numpy as np
 import pytest
 
+from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.simulation import Photometry
 from ftp_dent_ros.simulation.sensor import blur, read_out
 
@@ -98,3 +100,24 @@ def test_the_image_is_rgb_and_whole():
     assert image.shape == (64, 96, 3)
     np.testing.assert_allclose(image[..., 0], 255 * smooth_scene()[0], atol=0.51)
     assert cv2.imencode('.png', image)[0]
+
+
+WRONG = {
+    'exposure': (0, math.nan),
+    'ambient': (-0.1, math.inf),
+    'projector_black': (1.1,),
+    'encoding': ('yuv422', 'mono'),
+    'jpeg_quality': (101,),
+    'samples': (3,),
+}
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [(n, v) for n, values in WRONG.items() for v in values]
+)
+def test_a_value_out_of_its_range_is_refused_by_name(name, value):
+    with pytest.raises(ConfigurationError) as refusal:
+        Photometry(**{name: value})
+    message = str(refusal.value)
+    assert message.startswith(f'{name} is {value!r}: give ')
+    assert '\n' not in message
