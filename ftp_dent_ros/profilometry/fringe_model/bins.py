@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Bins a fringe along u, and fringes that a bin is high: a fringe is sampled, not averaged away.
-_PER_FRINGE, _HIGH = 7.0, 0.25
+_PER_FRINGE, _HIGH = 7.0, 0.4
 # Fringes between nodes: windows half a fringe wide change little over it.
 _PITCH = 0.43
 # A Gaussian is computed on a grid so coarse that it is still this wide.
@@ -78,6 +79,20 @@ class BinGrid:
         """Pixel columns and rows of the nodes' centres."""
         rows, columns = self.node_shape
         return _centres(columns, self.step * self.node), _centres(rows, self.rows)
+
+    def places(self, columns, rows):
+        """Crossings of pixel columns and rows over the width: x and y that broadcast."""
+        return columns[None] / self.width, rows[:, None] / self.width
+
+    @cached_property
+    def bin_places(self):
+        """Places of the bins."""
+        return self.places(*self.bin_positions())
+
+    @cached_property
+    def node_places(self):
+        """Places of the nodes."""
+        return self.places(*self.node_positions())
 
     def binned(self, plane: NDArray[Any]) -> NDArray[np.float32]:
         """Means of a plane of pixels over the bins."""

@@ -26,12 +26,15 @@ Surfaces = Sequence[tuple[NDArray[np.float32], NDArray[np.bool_]]]
 
 
 def check_surfaces(
-    rig: Rig, pattern: Pattern, grid: BinGrid, bins: PhaseGeometry, fit: FringeFit, found: Surfaces
+    area: LitArea, grid: BinGrid, fit: FringeFit, found: Surfaces
 ) -> tuple[bool, EpipolarCheck | None]:
     """Check the pattern by the rims of its light, and the rig by the projector's rows.
 
     Parameters
     ----------
+    area : LitArea
+    grid : BinGrid
+    fit : FringeFit
     found : sequence of (ndarray, ndarray), shape (rows, columns)
         Phase of each surface at the bins, and where it is measured.
 
@@ -46,17 +49,14 @@ def check_surfaces(
     ------
     OtherPatternError
     """
-    if not found:
-        return False, None
-    area = LitArea.of(rig, pattern, bins.rays, found)
+    rig, pattern = area.rig, area.pattern
     confirmed = check_pattern(area)
     if pattern.code == 'stripe' and not confirmed:
         check_upright(area)
     if not pattern.tells_rows:
         return confirmed, None
     window = WIDTH * pattern.period_px
-    rows = _rows(rig, pattern, grid, fit, found)
-    epipolar = check_epipolar(rig, pattern, rows, window)
+    epipolar = check_epipolar(rig, pattern, _rows(rig, pattern, grid, fit, found), window)
     if epipolar is not None:
         other = other_frame(area)
         under = None

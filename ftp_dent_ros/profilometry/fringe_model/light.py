@@ -14,6 +14,8 @@ from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 
 # Share of a bin that may be clipped: noise clips single pixels below white.
 _FEW = 0.1
+# Of a mosaic: about each pixel the colours weigh as in a cell, red 1/4, green 1/2, blue 1/4.
+_CELL = np.array([0.25, 0.5, 0.25])
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +38,17 @@ class Light:
 
     @classmethod
     def of(cls, photograph: Photograph, grid: BinGrid) -> Light:
-        """Light of a photograph, demosaiced if it is raw."""
+        """Light of a photograph.
+
+        Of a mosaic the grey is that of its cells, without interpolation of colours.
+        """
         unit = np.float32(photograph.unit)
         pixels: Any = photograph.rgb() if photograph.mosaic else photograph.pixels
         colours = pixels.ndim == 3
-        luma: Any = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if colours else pixels
+        if photograph.mosaic:
+            luma: Any = cv2.sepFilter2D(photograph.pixels, cv2.CV_32F, _CELL, _CELL)
+        else:
+            luma = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if colours else pixels
         grey = grid.binned(luma) * unit
         red = grid.binned(cv2.extractChannel(pixels, 0)) * unit if colours else grey
         usable = np.ones(grid.shape, np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,6 @@ class LocalFit:
     Attributes
     ----------
     level, amplitude, slope : ndarray, shape (rows, nodes), float32
-    weight : ndarray
-        Mean weight of the window's bins; small where little light is usable.
     rest, total : ndarray
         Weighted mean square of what the fit leaves, and of the light about its mean.
     """
@@ -29,34 +28,61 @@ class LocalFit:
     level: NDArray[np.float32]
     amplitude: NDArray[np.float32]
     slope: NDArray[np.float32]
-    weight: NDArray[np.float32]
     rest: NDArray[np.float32]
     total: NDArray[np.float32]
 
 
-def fit_windows(
-    grid: BinGrid,
-    light: NDArray[np.float32],
-    waveform: NDArray[np.float32],
-    derivative: NDArray[np.float32],
-    weight: NDArray[np.float32],
-) -> LocalFit:
-    """Fit bins of light by a waveform and its derivative, window by window."""
-    by_waveform, by_slope = weight * waveform, weight * derivative
-    count, f, d, i, ff, fd, dd, fi, di, ii = (
-        grid.window_sums(each)
-        for each in (
-            *(weight, by_waveform, by_slope, weight * light),
-            *(by_waveform * waveform, by_waveform * derivative, by_slope * derivative),
-            *(by_waveform * light, by_slope * light, weight * light * light),
+class Windows:
+    """Normal equations of a waveform and its derivative in the windows about the nodes.
+
+    Parameters
+    ----------
+    grid : BinGrid
+    waveform, derivative, weight : ndarray, shape (rows, columns), float32
+        F, F' and the weight of the bins.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (rows, nodes), float32
+        Mean weight of the window's bins; small where little light is usable.
+    """
+
+    def __init__(
+        self,
+        grid: BinGrid,
+        waveform: NDArray[np.float32],
+        derivative: NDArray[np.float32],
+        weight: NDArray[np.float32],
+    ) -> None:
+        self._grid, self._bins = grid, (weight, weight * waveform, weight * derivative)
+        _, by_waveform, by_slope = self._bins
+        self.weight, self._f, self._d, ff, fd, dd = (
+            grid.window_sums(each)
+            for each in (
+                *self._bins,
+                *(by_waveform * waveform, by_waveform * derivative, by_slope * derivative),
+            )
         )
-    )
-    mean = 1 / np.maximum(count, np.float32(1e-6))
-    ff, fd, dd = ff - f * f * mean, fd - f * d * mean, dd - d * d * mean
-    fi, di, ii = fi - f * i * mean, di - d * i * mean, ii - i * i * mean
-    scale = 1 / np.maximum(ff * dd - fd * fd, np.float32(_SINGULAR))
-    amplitude, slope = (fi * dd - di * fd) * scale, (di * ff - fi * fd) * scale
-    rest = np.maximum(ii - amplitude * fi - slope * di, 0) * mean
-    return LocalFit(
-        (i - amplitude * f - slope * d) * mean, amplitude, slope, count, rest, ii * mean
-    )
+        self._mean = 1 / np.maximum(self.weight, np.float32(1e-6))
+        ff -= self._f * self._f * self._mean
+        fd -= self._f * self._d * self._mean
+        dd -= self._d * self._d * self._mean
+        scale = 1 / np.maximum(ff * dd - fd * fd, np.float32(_SINGULAR))
+        self._inverse = dd * scale, fd * scale, ff * scale
+
+    def fit(self, light: NDArray[Any]) -> LocalFit:
+        """Fit bins of light, shape (rows, columns)."""
+        weight, by_waveform, by_slope = self._bins
+        weighted = weight * light
+        i, fi, di, ii = (
+            self._grid.window_sums(each)
+            for each in (weighted, by_waveform * light, by_slope * light, weighted * light)
+        )
+        fi -= self._f * i * self._mean
+        di -= self._d * i * self._mean
+        ii -= i * i * self._mean
+        dd, fd, ff = self._inverse
+        amplitude, slope = fi * dd - di * fd, di * ff - fi * fd
+        rest = np.maximum(ii - amplitude * fi - slope * di, 0) * self._mean
+        level = (i - amplitude * self._f - slope * self._d) * self._mean
+        return LocalFit(level, amplitude, slope, rest, ii * self._mean)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,22 +23,28 @@ from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, nearest
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.light import Light
-from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
+from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import WORD, OrderLikelihood
-from ftp_dent_ros.profilometry.fringe_model.points import Points
+from ftp_dent_ros.profilometry.fringe_model.points import Points, on_panel
+from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
-from ftp_dent_ros.profilometry.fringe_model.start import Start, fit_planes, plane_phases
+from ftp_dent_ros.profilometry.fringe_model.start import PLANES, Plane, Start, fit_planes
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import other_code
 from ftp_dent_ros.rig.rig import Rig
 
 _TURN = 2 * math.pi
 # Fringes beyond the nodes of a surface within which its bins may go on.
-_BEYOND = 1.0
+_BEYOND = 1.5
 # Fringes over which the start is smooth, and what it may differ by from the first fit, radians.
 _SMOOTH, _OFF = 0.5, 1.0
+# Fringes that the strip is high which shows the code's blur first.
+_STRIP = 10.0
+# Share of the amplitude beside that a window sees where the light ends a quarter of a fringe away.
+_WHOLE = 0.7
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
 # Least mean weight and amplitude (levels) of windows that tell the ratio of grey to red.
@@ -88,8 +95,13 @@ class FringeModel:
         self.grid = BinGrid.of(rig.camera.width, rig.camera.height, period)
         self._bins = PhaseGeometry.of(rig, pattern, *self.grid.bin_positions())
         self._nodes = PhaseGeometry.of(rig, pattern, *self.grid.node_positions())
-        self._planes = plane_phases(self._bins, self._nodes, self.grid, baseline)
+        self._planes = [
+            Plane.of(self.grid, self._bins, self._nodes, distance * baseline)
+            for distance in PLANES
+        ]
         self._waveform = Waveform.of(pattern)
+        # Two contrasts in a window: each is half the step off, and a cosine's square is a half.
+        self._steps = (1 - pattern.faintest_contrast) ** 2 / 8
         self._likelihood = OrderLikelihood(pattern)
         self._solver = Solver(self.grid)
 
@@ -101,16 +113,18 @@ class FringeModel:
         SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
         light = Light.of(photograph, self.grid)
-        start = fit_planes(self.grid, light.red, light.usable, self._planes)
+        start = fit_planes(self.grid, light.red, light.usable, self._planes, self._steps)
         orders, numbered = self._orders(light, start)
-        phase, surface = self._absolute(start, orders, numbered)
+        phase, reference, surface = self._absolute(start, orders, numbered)
         plain = self._filled(light, phase)
-        first = self._first(plain, light.usable, phase, start.surface >= 0)
-        fit = self._solver.solve(plain, light.usable, start.reference, first)
+        lit = self._lit(phase)
+        usable = light.usable * lit
+        first = self._first(plain, usable, phase, start.surface >= 0)
+        fit = self._solver.solve(plain, usable, reference, first)
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
-        points = Points(*geometry, self.stride, fit, light.usable)
+        points = Points(*geometry, self.stride, fit, usable)
         for number in orders:
-            points.add(surface == number, start.reference)
+            points.add(surface == number, reference)
         if not points.measured.any():
             raise NoStripeError(_UNLIT)
         fringes = self.grid.repeated(start.surface >= 0)
@@ -118,9 +132,8 @@ class FringeModel:
         coverage = Coverage.of(
             fringes, points.measured, clipped=light.usable == 0, **{reason: surface < 0}
         )
-        confirmed, epipolar = check_surfaces(
-            *(self.rig, self.pattern, self.grid, self._bins, fit, points.surfaces)
-        )
+        area = self._lit_area(start, phase, surface)
+        confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
         coverage = replace(coverage, confirmed=confirmed)
         return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
 
@@ -162,28 +175,55 @@ class FringeModel:
         if self.pattern.code == 'contrast':
             return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
         phase = start.reference + self.grid.at_bins(start.away)
-        fit = fit_windows(self.grid, light.other, np.cos(phase), -np.sin(phase), light.usable)
+        fit = Windows(self.grid, np.cos(phase), -np.sin(phase), light.usable).fit(light.other)
         red = np.maximum(start.amplitude, 1)
         variance = (fit.rest + start.rest + 0.1) / self.grid.bins_in_window
         return np.hypot(fit.amplitude, fit.slope) / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
-        """Absolute phase of the bins, and the number of their surface, -1 far from all."""
+        """Absolute phase of the bins, that of smooth surfaces, and the bins' surface, -1 for none.
+
+        What is beyond a surface is far from its quadric by as much as the nearest of it.
+        """
         known = numbered >= 0
-        turns = np.zeros(numbered.shape, np.float32)
-        for number, order in orders.items():
-            turns[numbered == number] = _TURN * order
-        away = start.away + turns
+        label = nearest(numbered, known)
+        phase = start.phase + _TURN * np.array(list(orders.values()), np.float32)[label]
+        inverse, _ = self._nodes.meet(phase)
+        reference, away = np.empty(self.grid.shape, np.float32), np.empty_like(phase)
+        for number in orders:
+            mine = (numbered == number) & np.isfinite(inverse)
+            quadric = quadric_through(self.grid.node_places, inverse, mine)
+            here = label == number
+            away[here] = (phase - self._nodes.phase(quadric.at(*self.grid.node_places)))[here]
+            here = self.grid.repeated(here)
+            reference[here] = self._bins.phase(quadric.at(*self.grid.bin_places))[here]
         share = np.maximum(self.grid.smooth_nodes(known.astype(np.float32), _SMOOTH), 1e-3)
-        smooth = self.grid.smooth_nodes(np.where(known, away, np.float32(0)), _SMOOTH) / share
-        away = np.where(np.abs(smooth - away) < _OFF, smooth, away).astype(np.float32)
+        smooth = self.grid.smooth_nodes(away * known, _SMOOTH) / share
+        away = np.where(np.abs(smooth - away) < _OFF, smooth, away)
+        away = nearest(away, known | (start.surface >= 0)).astype(np.float32)
         along_u, along_v = self.grid.fringe
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
         near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
         near &= known | (start.surface < 0)
-        surface = np.where(near, nearest(numbered, known), -1)
-        phase = start.reference + self.grid.at_bins(nearest(away, known))
-        return phase, self.grid.repeated(surface)
+        surface = self.grid.repeated(np.where(near, label, -1))
+        return reference + self.grid.at_bins(away), reference, surface
+
+    def _lit(self, phase) -> NDArray[np.bool_]:
+        """Where the panel lights, but for its blurred rim."""
+        _, v_p = self._bins.meet(phase)
+        return on_panel(self.rig, self.pattern, phase, v_p)
+
+    def _lit_area(self, start: Start, phase, surface) -> LitArea:
+        """Where the first fit sees fringes, whatever the panel is said to light.
+
+        A window across the end of the light sees but a part of the amplitude beside it.
+        """
+        along_u, along_v = self.grid.fringe
+        size = [2 * math.ceil(n) + 1 for n in (along_v, along_u / self.grid.node)]
+        beside: Any = cv2.dilate(start.amplitude, np.ones(size, np.uint8))
+        share = self.grid.at_bins(start.amplitude / np.maximum(beside, np.float32(1)))
+        lit = (share > _WHOLE) & (surface >= 0)
+        return LitArea(self.rig, self.pattern, self._bins.rays, phase, lit)
 
     def _filled(self, light: Light, phase) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""
@@ -191,10 +231,9 @@ class FringeModel:
             return light.grey
         stripe = np.abs(phase) < _STRIPE
         wave, slope, outside = np.cos(phase), -np.sin(phase), light.usable * ~stripe
-        red, grey = (
-            fit_windows(self.grid, each, wave, slope, outside) for each in (light.red, light.grey)
-        )
-        known = (red.weight > _WEIGHT) & (red.amplitude > _AMPLITUDE)
+        windows = Windows(self.grid, wave, slope, outside)
+        red, grey = windows.fit(light.red), windows.fit(light.grey)
+        known = (windows.weight > _WEIGHT) & (red.amplitude > _AMPLITUDE)
         ratio = nearest(grey.amplitude / np.maximum(red.amplitude, 1), known)
         offset = nearest(grey.level - ratio * red.level, known)
         filled = self.grid.at_bins(offset) + self.grid.at_bins(ratio) * light.red
@@ -202,11 +241,23 @@ class FringeModel:
 
     def _first(self, light, usable, phase, inside) -> FringeFit:
         """What the solver starts from."""
-        fits = []
-        for variance in self._waveform.variances:
-            wave, slope, _ = self._waveform.at(phase, variance)
-            fits.append(fit_windows(self.grid, light, wave, slope, usable))
-        best = int(np.argmin([np.median(each.rest[inside]) for each in fits]))
-        level, amplitude = map(self.grid.at_bins, (fits[best].level, fits[best].amplitude))
-        blur = np.array([self._waveform.variances[best], 0.0, 0.0])
-        return FringeFit(phase, level, amplitude, light, light, usable, self._waveform, blur)
+        waveform = self._waveform
+        if waveform.has_code:
+            waveform = self._blurred(light, usable, phase, inside)
+        fit = Windows(self.grid, *waveform.at(phase), usable).fit(light)
+        level, amplitude = map(self.grid.at_bins, (fit.level, fit.amplitude))
+        return FringeFit(phase, level, amplitude, light, light, usable, waveform, np.zeros(2))
+
+    def _blurred(self, light, usable, phase, inside) -> Waveform:
+        """The waveform in the blur that a strip of the picture shows, where most fringes are."""
+        high = min(len(inside), math.ceil(_STRIP * self.grid.fringe[1]))
+        count = np.convolve(inside.sum(axis=1), np.ones(high), mode='valid')
+        rows = slice(int(count.argmax()), int(count.argmax()) + high)
+        strip = replace(self.grid, height=high * self.grid.rows)
+        light, usable, phase, inside = (each[rows] for each in (light, usable, phase, inside))
+
+        def left(waveform: Waveform) -> float:
+            fit = Windows(strip, *waveform.at(phase), usable).fit(light)
+            return float(np.median(fit.rest[inside]))
+
+        return self._waveform.with_least(left)

@@ -19,12 +19,14 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
 
 _TURN = 2 * math.pi
 # Cells a fringe, and fringes that a cell is high: windows of half a fringe resolve no more.
-_CELLS, _HIGH = 4, 1.0
+_CELLS, _HIGH = 2, 1.0
 # Share of the code's light that noise leaves in the stripe: a limit of logarithms.
 _FLOOR = 0.05
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
 _GAINS = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0)
 _SCATTERS = (0.02, 0.05, 0.1, 0.2, 0.4)
+# Those by which the likeliest orders are found, and so many of them are held against each other.
+_USUAL, _RIVALS = (0.1, 0.7), 4
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
 #: Odds of the accepted order against all others together.
@@ -57,6 +59,7 @@ class OrderLikelihood:
         )
         self._steps = _steps(expected[None])[0].astype(np.float32)
         self._ends = pattern.phase([0, pattern.width - 1])
+        self._has_words = pattern.code == 'contrast'
 
     def parts(
         self,
@@ -112,17 +115,20 @@ class OrderLikelihood:
         orders = self._lit_orders(low, place)
         if not known.any() or not len(orders):
             return []
+        each = self._likelihood(step, noise, orders, low, *_USUAL)
+        few = np.argsort(each.sum(axis=(1, 2)))[-_RIVALS:]
         pairs = [(scatter, gain) for scatter in _SCATTERS for gain in _GAINS]
-        total = logsumexp(
-            [self._likelihood(step, noise, orders, low, *each).sum(axis=(1, 2)) for each in pairs],
-            axis=0,
-        )
-        best = int(np.argmax(total))
-        if len(orders) > 1 and total[best] - logsumexp(np.delete(total, best)) < math.log(ODDS):
+        of_pairs = [self._likelihood(step, noise, orders[few], low, *pair) for pair in pairs]
+        total = logsumexp([pair.sum(axis=(1, 2)) for pair in of_pairs], axis=0)
+        first = int(np.argmax(total))
+        if len(few) > 1 and total[first] - logsumexp(np.delete(total, first)) < math.log(ODDS):
             return []
+        if not self._has_words:
+            return [(int(orders[few[first]]), inside)]
         # How well the code is read is seen where most of it is of the best order.
-        read = [self._read(step, noise, orders[best : best + 1], low, *each) for each in pairs]
+        read = [_read(pair[first]) for pair in of_pairs]
         each = self._likelihood(step, noise, orders, low, *pairs[int(np.argmax(read))])
+        best = int(few[first])
         local = _order_of_words(each, best)[block, cell]
         parts = []
         for number in np.unique(local[local >= 0]):
@@ -138,26 +144,32 @@ class OrderLikelihood:
         lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
         return orders[lit > _ON_PANEL]
 
+    def _expected(self, first):
+        """Steps of the code from fringes of some orders on, shape (orders, cells)."""
+        reach = np.arange(2 * len(self._steps))
+        where = reach[None] + (first[:, None] - self._first) * _CELLS
+        there = (where >= 0) & (where < len(self._steps))
+        return np.where(there, self._steps[np.clip(where, 0, len(self._steps) - 1)], 0)
+
     def _likelihood(self, step, noise, orders, low, scatter, gain):
         """Logarithm for each step under each order, shape (orders, *step.shape)."""
-        where = np.arange(step.shape[1])[None] + (low + orders[:, None] - self._first) * _CELLS
-        there = (where >= 0) & (where < len(self._steps))
-        expected = np.where(there, self._steps[np.clip(where, 0, len(self._steps) - 1)], 0)
+        expected = self._expected(low + orders)[:, : step.shape[1]]
         # Where no step is seen its noise is infinite.
         precision = 1 / np.sqrt((noise + np.float32(scatter**2)) * np.float32(_FREEDOM))
         each = (step * precision) - (np.float32(gain) * expected[:, None]) * precision
         np.log1p(np.square(each, out=each), out=each)
         each *= np.float32(-(_FREEDOM + 1) / 2)
         each += np.log(np.where(precision > 0, precision, 1))
-        # Neighbouring cells see the same windows.
-        each /= np.float32(_CELLS)
+        # Neighbouring cells see the same windows, each of so many square fringes.
+        each /= np.float32(_CELLS * 4 * math.pi * WIDTH**2)
         return each
 
-    def _read(self, step, noise, order, low, scatter, gain):
-        """Log-likelihood of the words that are better read than three of four."""
-        (each,) = self._likelihood(step, noise, order, low, scatter, gain)
-        high, wide = (range(0, n, WORD * c) for n, c in zip(each.shape, (1, _CELLS), strict=True))
-        return np.quantile(np.add.reduceat(np.add.reduceat(each, high), wide, axis=1), _WELL_READ)
+
+def _read(each: NDArray[np.float32]) -> float:
+    """Log-likelihood of the words that are better read than three of four."""
+    high, wide = (range(0, n, WORD * c) for n, c in zip(each.shape, (1, _CELLS), strict=True))
+    words = np.add.reduceat(np.add.reduceat(each, high), wide, axis=1)
+    return float(np.quantile(words, _WELL_READ))
 
 
 def _order_of_words(each: NDArray[np.float32], best: int) -> NDArray[np.int16]:

@@ -13,7 +13,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, deconvolved, nearest
 from ftp_dent_ros.profilometry.fringe_model.denoising import Denoised, denoise
-from ftp_dent_ros.profilometry.fringe_model.quadric import Quadric
+from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry, rays_at
 from ftp_dent_ros.rig.rig import Rig
@@ -68,6 +68,7 @@ class Points:
     ) -> None:
         self._rig, self._pattern, self._grid = rig, pattern, grid
         self._bins, self._nodes, self._stride, self._fit = bins, nodes, stride, fit
+        self._usable = usable > 0
         seen = grid.around(grid.around(usable))
         square = usable * fit.residual * fit.residual
         rest = grid.around(grid.around(square)) / np.maximum(seen, 1e-3)
@@ -77,7 +78,7 @@ class Points:
         amplitude = np.maximum(fit.amplitude, 1)
         self._unexplained = 2 * np.maximum(rest - _UNUSUAL * fit.scale, 0) / np.square(amplitude)
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
-        wave, slope, _ = fit.waveform.at(fit.phase)
+        wave, slope = fit.waveform.at(fit.phase)
         uneven = square * (slope * slope - wave * wave)
         chance = _CHANCE * math.sqrt(1.5 / grid.bins_in_window) * fit.scale
         detail = np.maximum(grid.smooth_bins(uneven, WIDTH) - chance, 0)
@@ -112,19 +113,17 @@ class Points:
             within = np.where(inside, bins, 0).astype(np.float32)
             return grid.at_nodes(within) / np.maximum(share, np.float32(1e-3))
 
-        at_nodes, bins = (
-            self._places(*each()) for each in (grid.node_positions, grid.bin_positions)
-        )
+        at_nodes, bins = grid.node_places, grid.bin_places
         inverse, _ = self._nodes.meet(mean(fit.phase - reference) + grid.at_nodes(reference))
         nodes = (share > _MOST) & np.isfinite(inverse)  # a ray may miss its plane
         if np.count_nonzero(nodes) < _LEAST_NODES:
             return
         whole = nodes & (share > _ALL)
         at = whole if np.count_nonzero(whole) > _LEAST_NODES else nodes
-        quadric = _quadric(at_nodes, inverse, at)
+        quadric = quadric_through(at_nodes, inverse, at)
         smooth = self._bins.phase(quadric.at(*bins))
         changes = [
-            each - _quadric(at_nodes, each, nodes).at(*at_nodes)
+            each - quadric_through(at_nodes, each, nodes).at(*at_nodes)
             for each in map(mean, self._changes)
         ]
         away = fit.phase - smooth
@@ -149,19 +148,19 @@ class Points:
         inverse, v_p = self._bins.meet(phase)
         good = inside & (variance < _DEVIATION**2) & np.isfinite(inverse)
         self.surfaces.append((phase, good))
-        # Of a bin at a rim, a part may lie beyond.
+        # Light from beside the surface reaches into the bins at its rim.
         box = np.ones(self._grid.half_fringe[::-1], np.uint8)
-        whole: Any = cv2.erode(good.view(np.uint8), box, borderValue=1)
-        good = (whole > 0) & self._on_panel(phase, v_p)
+        beside = cv2.dilate((self._usable & ~good).view(np.uint8), box) > 0
+        good = good & ~beside & on_panel(self._rig, self._pattern, phase, v_p)
         if not good.any():
             return
         self.measured |= good
         stripe = good & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else good])
-        away = np.where(good, inverse - quadric.at(*self._places(*self._grid.bin_positions())), 0)
+        away = np.where(good, inverse - quadric.at(*self._grid.bin_places), 0)
         away = nearest(away.astype(np.float32), good)
         away = self._at_pixels(deconvolved(away, self._grid.step, self._grid.rows))
-        z = 1 / (quadric.at(*self._places(*self._pixels)) + away)
+        z = 1 / (quadric.at(*self._grid.places(*self._pixels)) + away)
         sigma = self._at_pixels(self._bins.deviation(phase, variance))
         on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0) & (sigma < _FAR * z)
         cloud, depth = self.cloud, z[on]
@@ -172,25 +171,22 @@ class Points:
         wavelength = self._at_pixels(at_bins(denoised.wavelength))[on]
         cloud.resolution[on] = wavelength * np.float32(self._grid.period) * pixel
 
-    def _places(self, columns, rows):
-        """Crossings of pixel columns and rows, over the width, for quadrics."""
-        return columns[None] / self._grid.width, rows[:, None] / self._grid.width
-
-    def _on_panel(self, phase, v_p) -> NDArray[np.bool_]:
-        """Where the panel lights, but for its blurred rim."""
-        u_p, panel = self._pattern.column(phase), self._rig.projector
-        inside = (u_p > _RIM) & (u_p < panel.width - 1 - _RIM)
-        return inside & (v_p > _RIM) & (v_p < panel.height - 1 - _RIM)
-
     def _at_pixels(self, bins, how=cv2.INTER_LINEAR):
         """Values of the bins at the cloud's pixels."""
-        grid, stride = self._grid, self._stride
-        size = grid.shape[1] * grid.step, grid.shape[0] * grid.rows
-        wide = cv2.resize(bins.astype(np.float32), size, interpolation=how)
-        return wide[: grid.height : stride, : grid.width : stride]
+        grid, (columns, rows) = self._grid, self._pixels
+        scale = np.array([[self._stride / grid.step, 0, 0], [0, self._stride / grid.rows, 0]])
+        scale[:, 2] = 0.5 / grid.step - 0.5, 0.5 / grid.rows - 0.5  # of the first pixel
+        return cv2.warpAffine(
+            bins.astype(np.float32),
+            scale,
+            (len(columns), len(rows)),
+            flags=how | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
 
 
-def _quadric(places, values, mask) -> Quadric:
-    """Quadric through the values of a mask."""
-    x, y = (each[mask] for each in np.broadcast_arrays(*places))
-    return Quadric.through(x, y, values[mask])
+def on_panel(rig: Rig, pattern: Pattern, phase, v_p) -> NDArray[np.bool_]:
+    """Where the panel lights, but for its blurred rim."""
+    u_p, panel = pattern.column(phase), rig.projector
+    inside = (u_p > _RIM) & (u_p < panel.width - 1 - _RIM)
+    return inside & (v_p > _RIM) & (v_p < panel.height - 1 - _RIM)

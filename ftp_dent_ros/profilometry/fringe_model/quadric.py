@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 # Fits, each with the weights of what the last one left (Geman and McClure's function).
 _FITS = 5
+# Points that a fit is through, about: six unknowns need no more.
+_POINTS = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +27,8 @@ class Quadric:
         inverse_depth: NDArray[np.floating],
     ) -> Quadric:
         """Robust quadric through points, arrays of shape (points,): dents are outliers."""
-        terms, values = _terms(x, y), inverse_depth.astype(float)
+        x, y, values = (each[:: max(1, len(x) // _POINTS)] for each in (x, y, inverse_depth))
+        terms = _terms(x, y)
         weight = np.ones(len(values))
         for _ in range(_FITS):
             weighted = terms * weight
@@ -36,10 +39,17 @@ class Quadric:
         return cls(c)
 
     def at(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Inverse depth at places."""
-        return np.tensordot(self.coefficients, _terms(x, y), axes=1).astype(np.float32)
+        """Inverse depth at places, x and y that broadcast."""
+        c, x, y = (each.astype(np.float32) for each in (self.coefficients, x, y))
+        return x * (c[3] * x + c[1] + c[4] * y) + (y * (c[5] * y + c[2]) + c[0])
 
 
 def _terms(x, y):
     x, y = np.broadcast_arrays(x, y)
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+
+
+def quadric_through(places, values: NDArray[np.floating], mask: NDArray[np.bool_]) -> Quadric:
+    """Quadric through the values of a mask at places, x and y that broadcast to its shape."""
+    x, y = (each[mask] for each in np.broadcast_arrays(*places))
+    return Quadric.through(x, y, values[mask])

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
-from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
-from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
+from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
-# Gauss-Newton rounds, and their over-relaxation (2 and more diverge): what is wider than a window
-# is there after two rounds, and of details 1.3 fringes long half the depth at last.
-_ROUNDS, _RELAXATION = 7, 1.4
+# Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each:
+# of details 1.3 fringes long half the depth is there at last.
+_ROUNDS, _SHARPENED = 4, 2
 # Fringes from the centred window to those at its sides: an edge between is two deviations off.
 _ASIDE = 1.0
 # Rounds that choose windows: the first fit is mixed at edges, later ones go on from the choice.
-_CHOOSING = 2
-# Significance at which a window at the side explains a bin's light better (F test).
-_SIGNIFICANCE = 1e-2
-# Steps of the waveform's unknowns a round, and every how many bins show them.
-_LEARNED, _EVERY = 2, 3
+_CHOOSING = 1
+# Significance at which a window leaves more than one at its side: it lies across an edge (F test).
+_SIGNIFICANCE = 1e-5
+# Every how many bins show the waveform's unknowns.
+_EVERY = 3
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
@@ -48,9 +49,9 @@ class FringeFit:
     weight : ndarray
         0 to 1.
     waveform : Waveform
-        With its harmonics.
-    blur : ndarray, shape (3,)
-        Variance of the blur, radians^2: in the middle, and its rise over the width and height.
+        With its harmonics and blur.
+    slopes : ndarray, shape (2,)
+        Rise of the blur's variance over the width and height, radians^2.
     """
 
     phase: NDArray[np.float32]
@@ -60,7 +61,7 @@ class FringeFit:
     scale: NDArray[np.float32]
     weight: NDArray[np.float32]
     waveform: Waveform
-    blur: NDArray[np.float64]
+    slopes: NDArray[np.float64]
 
 
 class Solver:
@@ -75,12 +76,12 @@ class Solver:
         self.grid = grid
         along_u, along_v = (max(1, round(_ASIDE * each)) for each in grid.fringe)
         self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
-        freedom = float(np.prod(grid.half_fringe))
+        freedom = grid.bins_in_window
+        self._across = np.float32(stats.f.isf(_SIGNIFICANCE, freedom, freedom))
         self._box = np.ones(grid.half_fringe[::-1], np.uint8)
         rows, columns = grid.shape
         y, x = np.mgrid[-0.5 : 0.5 : rows * 1j, -0.5 : 0.5 : columns * 1j].astype(np.float32)
-        self._plane = np.stack([np.ones_like(x), x, y])
-        self.clear = float(stats.f.isf(_SIGNIFICANCE, freedom, freedom))
+        self._plane = np.stack([x, y])
 
     def solve(
         self,
@@ -90,80 +91,115 @@ class Solver:
         start: FringeFit,
     ) -> FringeFit:
         """Fit from a start, whose phase is right to a third of a fringe."""
-        fit, weight = start, usable
+        grid, fit = self.grid, start
+        weight: Any = usable
         for number in range(_ROUNDS):
-            wave, slope, _ = self._wave(fit)
+            wave, slope = self._wave(fit, fit.phase)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
-            more = fit_windows(self.grid, residual, wave, fit.amplitude * slope, weight)  # eq. 3
-            level, amplitude, shift = (
-                self.grid.at_bins(each) for each in (more.level, more.amplitude, more.slope)
-            )
-            shift = np.clip(_RELAXATION * shift, -1, 1)
-            level, amplitude = fit.level + level, fit.amplitude + amplitude
-            count, rest = self.grid.at_bins(more.weight), self.grid.at_bins(more.rest)
-            fitted = level, amplitude, fit.phase + shift - reference
-            if number < _CHOOSING:
-                fitted = self._clearest(light, usable, fit, fitted, count, rest, reference)
+            if number:
+                weight, _ = self._weight(usable, residual)
+            slope *= fit.amplitude
+            windows = Windows(grid, wave, slope, weight)
+            change = windows.fit(residual)  # eq. 3
+            sharp = self._sharpened(windows, change, weight)
+            # A start is too far off to show the blur.
+            blurred = windows if number and fit.waveform.has_code else None
+            fit, followed = self._learned(fit, residual, wave, slope, weight, blurred)
+            sharp = [each - more for each, more in zip(sharp, followed, strict=True)]
+            level, amplitude, shift = (grid.at_bins(each) for each in sharp)
+            np.clip(shift, -1, 1, out=shift)
+            fitted = level + fit.level, amplitude + fit.amplitude, fit.phase + shift - reference
+            if not number:  # later windows go on from the choice
+                fitted = self._clearest(light, usable, fit, fitted, windows, change, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
-            fit, weight = self._weighted(light, usable, fit, weight, number < _ROUNDS - 1)
-        return fit
-
-    def _weighted(self, light, usable, fit, weight, learn):
-        """The fit with its global unknowns, residuals and weights (eq. 4 and 5)."""
-        if learn:
-            fit = self._learned(light, weight, fit)
-        wave, *_ = self._wave(fit)
+        wave, _ = self._wave(fit, fit.phase)
         residual = light - fit.level - fit.amplitude * wave
+        weight, scale = self._weight(usable, residual)
+        return replace(fit, residual=residual, scale=scale, weight=weight)
+
+    def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
+        """Level, amplitude and shift without the windows' own smoothing of them."""
+        weight = self.grid.at_nodes(weight)
+        share = 1 / np.maximum(windows.weight, np.float32(1e-6))
+        sharpened = []
+        for smooth in (fit.level, fit.amplitude, fit.slope):
+            sharp = smooth
+            for _ in range(_SHARPENED):
+                sharp = sharp + smooth - self.grid.smooth_nodes(weight * sharp, WIDTH) * share
+            sharpened.append(sharp)
+        return sharpened
+
+    def _weight(self, usable, residual) -> tuple[Any, Any]:
+        """Weights of the bins, and the mean square of the residuals about (eq. 5)."""
         square = residual * residual
         size = self._about(usable * np.abs(residual)) / np.maximum(self._about(usable), 1e-3)
         scale = np.float32(np.pi / 2) * size * size  # of a Gaussian, by its mean absolute value
-        limit = _REDESCENDS**2 * np.maximum(scale, _ROUNDING)
-        weight = usable / np.square(1 + square / limit)
-        return replace(fit, residual=residual, scale=scale, weight=weight), weight
+        limit = np.float32(_REDESCENDS**2) * np.maximum(scale, np.float32(_ROUNDING))
+        return usable / np.square(1 + square / limit), scale
 
-    def _learned(self, light, weight, fit):
-        """The fit with the waveform's unknowns as every few bins together show them."""
-        phase, level, amplitude, light, weight, *plane = (
-            np.ascontiguousarray(each[::_EVERY, ::_EVERY])
-            for each in (fit.phase, fit.level, fit.amplitude, light, weight, *self._plane)
+    def _learned(self, fit, residual, wave, slope, weight, windows):
+        """The fit with the waveform's unknowns as every few bins together show them (eq. 4).
+
+        And what level, amplitude and shift of the nodes follow of the blur that was learned.
+        """
+        size = np.maximum(fit.amplitude, 1)
+        by_blur: Any = None
+        follow: tuple[Any, ...] = ()
+        if windows is not None:
+            by_blur = fit.amplitude * fit.waveform.by_blur(fit.phase)
+            # What the windows' unknowns follow of the blur does not show it.
+            each = windows.fit(by_blur)
+            follow = each.level, each.amplitude, each.slope
+            level, amplitude, shift = map(self.grid.at_bins, follow)
+            by_blur = (by_blur - level - amplitude * wave - shift * slope) / size
+            by_blur = np.stack([by_blur, *(by_blur * self._plane)])
+            by_blur = by_blur[:, ::_EVERY, ::_EVERY].reshape(3, -1)
+        some = (
+            each[::_EVERY, ::_EVERY].ravel()
+            for each in (fit.phase, residual / size, weight * size * size * (fit.amplitude > 1))
         )
-        waveform, blur = fit.waveform, fit.blur
-        size = np.maximum(amplitude, 1)
-        weight = np.where(amplitude > 1, weight * size * size, 0)
-        for _ in range(_LEARNED):
-            wave, _, by_blur = waveform.at(phase, np.tensordot(blur, plane, axes=1))
-            misfit = (light - level - amplitude * wave) / size
-            if waveform.has_code:
-                blur = blur + _more_blur(misfit, by_blur * np.stack(plane), weight)
-            waveform = waveform.corrected(phase, misfit, weight)
-        return replace(fit, waveform=waveform, blur=blur)
+        waveform, more = fit.waveform.corrected(*some, by_blur)
+        fit = replace(fit, waveform=waveform, slopes=fit.slopes + more[1:])
+        if not follow:
+            return fit, (0, 0, 0)
+        middle, *slopes = more.astype(np.float32)
+        more_blur = self.grid.at_nodes(middle + np.tensordot(slopes, self._plane, axes=1))
+        return fit, [each * more_blur for each in follow]
 
-    def _wave(self, fit):
-        has_code = fit.waveform.has_code
-        variance = np.tensordot(fit.blur, self._plane, axes=1) if has_code else USUAL
-        return fit.waveform.at(fit.phase, variance)
+    def _wave(self, fit, phase):
+        if not fit.slopes.any():
+            return fit.waveform.at(phase)
+        along_u, along_v = fit.slopes.astype(np.float32)
+        return fit.waveform.at(phase, along_u * self._plane[0] + along_v * self._plane[1])
 
-    def _clearest(self, light, usable, fit, fitted, count, rest, reference):
+    def _clearest(self, light, usable, fit, fitted, windows, change, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
 
         A window must explain its own light as well: one across an edge does not. From windows at
         the sides the phase goes on in a straight line.
         """
+        enough = windows.weight > _LEAST_WEIGHT
+        rest = np.where(enough, change.rest + np.float32(_ROUNDING), np.float32(np.inf))
+        step = self.grid.node
+        beside = np.minimum.reduce([_moved(rest, round(u / step), v) for u, v in self._sides])
+        across = self.grid.repeated(rest > self._across * beside)
+        if not across.any():
+            return fitted
+        rest = self.grid.repeated(rest)
 
         def misfit_of(level, amplitude, away):
-            wave, *_ = self._wave(replace(fit, phase=reference + away))
+            wave, _ = self._wave(fit, reference + away)
             square = usable * np.square(light - level - amplitude * wave)
             # Of the boxes that hold a bin the clearest: at an edge that on its side.
-            return cv2.erode(self.grid.around(square), self._box) + _ROUNDING
+            return cv2.erode(self.grid.around(square), self._box)
 
         best, least = fitted, misfit_of(*fitted) + rest
-        limit = least / self.clear
         for u, v in self._sides:
             level, amplitude, away = (_moved(each, u, v) for each in fitted)
             away = 2 * away - _moved(fitted[2], 2 * u, 2 * v)
             misfit = misfit_of(level, amplitude, away) + _moved(rest, u, v)
-            better = (misfit < np.minimum(limit, least)) & (_moved(count, u, v) > _LEAST_WEIGHT)
+            better = across & (misfit < least)
             least = np.where(better, misfit, least)
             moved = level, amplitude, away
             best = [np.where(better, new, old) for new, old in zip(moved, best, strict=True)]
@@ -174,19 +210,9 @@ class Solver:
         return cv2.blur(bins, (width, height))
 
 
-def _more_blur(misfit, terms, weight):
-    """What the misfit says of the blur's plane (least squares), a radian^2 at most."""
-    terms = terms.reshape(3, -1)
-    weighted = terms * weight.ravel()
-    normal = weighted @ terms.T
-    ridge = 1e-6 * float(np.trace(normal)) * np.eye(3)
-    return np.clip(np.linalg.solve(normal + ridge, weighted @ misfit.ravel()), -1, 1)
-
-
 def _moved(bins, columns, rows):
     """The value of the bin so far to the right and below, at the border the border's."""
-    move = np.array([[1, 0, -columns], [0, 1, -rows]], np.float32)
-    size = bins.shape[::-1]
-    return cv2.warpAffine(
-        bins, move, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE
-    )
+    down, right = abs(rows), abs(columns)
+    wide = cv2.copyMakeBorder(bins, down, down, right, right, cv2.BORDER_REPLICATE)
+    height, width = bins.shape
+    return wide[down + rows : down + rows + height, right + columns : right + columns + width]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, nearest
-from ftp_dent_ros.profilometry.fringe_model.local_fit import fit_windows
+from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
@@ -21,10 +23,10 @@ PLANES = 2.0, 4.0, 8.0
 # between nodes that does not tie two of them.
 _DEVIATION, _JUMP = math.pi / 6, math.pi / 2
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
-# and the leap of phase between its sides that no slope explains, radians.
-_CLEARER, _LEAP = 4.3, 0.5
-# Windows beside, fringes away, and the share of an edge that must leap.
-_BESIDE, _SHARE = (1.25, 2.5), 0.3
+# and what the phase beyond most of it is off the straight line, radians: dents on it leave 0.6.
+_CLEARER, _LEAP = 4.3, 1.0
+# Windows beside, fringes away.
+_BESIDE = 1.25, 2.5
 # Mean square of rounding to whole levels in a bin, levels^2.
 _ROUNDING = 0.05
 # Share of the fit that another plane must explain more, so that it is not chosen by noise.
@@ -49,6 +51,8 @@ class Start:
         Phase of the best plane, at the bins.
     away : ndarray, shape (rows, nodes), float32
         Phase about that plane's.
+    fringes : ndarray of bool, shape (rows, nodes)
+        Where fringes are seen, those at the rims of surfaces too.
     """
 
     phase: NDArray[np.float32]
@@ -58,24 +62,59 @@ class Start:
     rest: NDArray[np.float32]
     reference: NDArray[np.float32]
     away: NDArray[np.float32]
+    fringes: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane square to the camera's axis, and the windows of its fringes where all is usable.
+
+    Attributes
+    ----------
+    at_bins, at_nodes : ndarray, float32
+        Phases, radians.
+    whole : Windows
+    """
+
+    at_bins: NDArray[np.float32]
+    at_nodes: NDArray[np.float32]
+    whole: Windows
+
+    @classmethod
+    def of(cls, grid: BinGrid, bins: PhaseGeometry, nodes: PhaseGeometry, depth: float) -> Plane:
+        """The plane at a depth, metres."""
+        at_bins, at_nodes = (
+            geometry.phase(np.full(shape, 1 / depth, np.float32))
+            for geometry, shape in ((bins, grid.shape), (nodes, grid.node_shape))
+        )
+        usable = np.ones(grid.shape, np.float32)
+        return cls(at_bins, at_nodes, Windows(grid, np.cos(at_bins), -np.sin(at_bins), usable))
+
+    def windows(self, grid: BinGrid, usable: NDArray[np.float32]) -> Windows:
+        """Windows of its fringes where so much is usable."""
+        if usable.all():
+            return self.whole
+        return Windows(grid, np.cos(self.at_bins), -np.sin(self.at_bins), usable)
 
 
 def fit_planes(
     grid: BinGrid,
     light: NDArray[np.float32],
     usable: NDArray[np.float32],
-    references: list[tuple[NDArray[np.float32], NDArray[np.float32]]],
+    planes: Sequence[Plane],
+    steps: float,
 ) -> Start:
     """Fit cosines about the phases of planes; each node takes the plane that explains it best.
 
     Parameters
     ----------
-    references : list of (ndarray, ndarray)
-        Phases of each plane at the bins and at the nodes.
+    planes : sequence of Plane
+    steps : float
+        Mean square that the code's own steps leave at most, over the amplitude's square.
     """
     fits, explained = [], []
-    for at_bins, _ in references:
-        fits.append(fit_windows(grid, light, np.cos(at_bins), -np.sin(at_bins), usable))
+    for plane in planes:
+        fits.append(plane.windows(grid, usable).fit(light))
         share = 1 - fits[-1].rest / np.maximum(fits[-1].total, np.float32(1e-6))
         explained.append(cv2.blur(share, (5, 9)))
     best = int(np.argmax([each[each > 0.5].sum() for each in explained]))
@@ -86,21 +125,21 @@ def fit_planes(
         return np.choose(chosen, values).astype(np.float32)
 
     phase = of(
-        [n + np.arctan2(f.slope, f.amplitude) for f, (_, n) in zip(fits, references, strict=True)]
+        [p.at_nodes + np.arctan2(f.slope, f.amplitude) for f, p in zip(fits, planes, strict=True)]
     )
-    amplitude = of([np.hypot(f.slope, f.amplitude) for f in fits])
+    amplitude = of([cv2.magnitude(f.slope, f.amplitude) for f in fits])
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
     variance = 2 * rest / (strength * grid.bins_in_window)
     fringes = (variance < (_DEVIATION / 3) ** 2) & (amplitude > _FAINTEST)
-    wrapped = wrap(phase - references[best][1])
-    tied = fringes & ~_leaps(grid, wrapped, rest, fringes)
+    wrapped = wrap(phase - planes[best].at_nodes)
+    tied = fringes & ~_leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
     unwrapped = unwrap(wrapped, tied, jump=_JUMP)
     away = nearest(unwrapped.phase, unwrapped.part >= 0)
     away = np.where(fringes, away + wrap(wrapped - away), away)
     return Start(
-        *(references[best][1] + away, unwrapped.part, level, amplitude, rest),
-        *(references[best][0], away),
+        *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, rest),
+        *(planes[best].at_bins, away, fringes),
     )
 
 
@@ -108,35 +147,48 @@ def _leaps(
     grid: BinGrid,
     wrapped: NDArray[np.float32],
     rest: NDArray[np.float32],
+    least: NDArray[np.float32],
     fringes: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """Nodes where the phases of both sides do not meet, and the light shows an edge.
+    """Nodes of rims, and of edges in the light across which the phase leaps.
 
     A window across a step mixes two surfaces and explains its light worse than those beside.
-    Where only paint or light leaps, the phase goes on.
+    Where only paint or light leaps, the phase goes on; behind a step of whole fringes its slope
+    is another.
     """
     along_u, along_v = grid.fringe[0] / grid.node, grid.fringe[1]
-    edge, leaps = (np.zeros(wrapped.shape, bool) for _ in range(2))
+    near_by, far_by = _BESIDE
+    ahead = (far_by + near_by) / (far_by - near_by)
+    edge, rim = (np.zeros(wrapped.shape, bool) for _ in range(2))
+    leap = np.zeros(wrapped.shape, np.float32)
     for u, v in ((1, 0), (0, 1)):
-        ends, beside, within = [], [], fringes
+        near, far, beside, within = [], [], [], fringes
+        seen = fringes.copy()  # what is moved in from beyond the picture is its rim
+        if u:
+            seen[:, [0, -1]] = False
+        else:
+            seen[[0, -1]] = False
         for sign in (-1, 1):
-            near, far = (
+            places = [
                 (round(sign * k * u * along_u), round(sign * k * v * along_v)) for k in _BESIDE
-            )
-            at_near, at_far = _moved(wrapped, *near), _moved(wrapped, *far)
-            ends.append(at_near + wrap(at_near - at_far))
-            beside.append(_moved(rest, *near))
-            within = within & _moved(fringes, *near)
-        shown = within & (rest > _CLEARER * (np.minimum(*beside) + _ROUNDING))
+            ]
+            near.append(_moved(wrapped, *places[0]))
+            far.append(_moved(wrapped, *places[1]))
+            beside.append(_moved(rest, *places[0]))
+            within = within & _moved(seen, *places[1])
+        mixed = fringes & (rest > _CLEARER * (np.minimum(*beside) + _ROUNDING) + least)
+        rim |= mixed & ~within
+        shown = mixed & within
+        for one, other in ((0, 1), (1, 0)):
+            met = near[one] + ahead * wrap(near[one] - far[one])
+            leap = np.where(shown, np.maximum(leap, np.abs(wrap(met - far[other]))), leap)
         edge |= shown
-        leaps |= shown & (np.abs(wrap(ends[1] - ends[0])) > _LEAP)
     # Along one edge two phases drift, and meet here and there by chance; all of it leaps, or none.
     joined: Any = cv2.dilate(edge.view(np.uint8), np.ones((3, 3), np.uint8))
-    _, line = cv2.connectedComponents(joined)
-    share = np.bincount(line[leaps], minlength=line.max() + 1) / np.maximum(
-        np.bincount(line[edge], minlength=line.max() + 1), 1
-    )
-    return (joined > 0) & (share[line] > _SHARE)
+    count, line = cv2.connectedComponents(joined)
+    usual = np.zeros(count)
+    usual[1:] = ndimage.median(leap, np.where(edge, line, 0), np.arange(1, count))
+    return rim | ((joined > 0) & (usual > _LEAP)[line])
 
 
 def _moved(nodes: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
@@ -146,19 +198,3 @@ def _moved(nodes: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
         for n, by in zip(nodes.shape, (rows, columns), strict=True)
     )
     return nodes[np.ix_(row, column)]
-
-
-def plane_phases(
-    bins: PhaseGeometry, nodes: PhaseGeometry, grid: BinGrid, baseline: float
-) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-    """Phases at bins and nodes of planes square to the camera's axis."""
-    found = []
-    for distance in PLANES:
-        inverse = np.float32(1 / (distance * baseline))
-        found.append(
-            (
-                bins.phase(np.full(grid.shape, inverse, np.float32)),
-                nodes.phase(np.full(grid.node_shape, inverse, np.float32)),
-            )
-        )
-    return found

@@ -1,15 +1,17 @@
 """The waveform F of the projected fringes over the panel's phase, blur and response included.
 
-F is the pattern's light about its mean, blurred by a Gaussian whose variance is a plane over the
-picture, plus the harmonics 2 to 5 that the projector's and the camera's response add. Both are
-global unknowns of the fit.
+F is the pattern's light about its mean, blurred by a Gaussian, plus the harmonics 2 to 5 that the
+projector's and the camera's response add. Blur and harmonics are global unknowns of the fit.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,13 +22,14 @@ _TURN = 2 * math.pi
 _SAMPLES = 128
 # Fringes beyond the panel's ends.
 _BEYOND = 4
-# Variances of the blur with a table, radians^2; the largest leaves a tenth of the fringes.
-_VARIANCES = np.arange(0.06, 4.6, 0.15)
 _HARMONICS = range(2, 6)
-# Variances to choose from at first, so near that the fit finds the way.
-_FIRST = 0.3, 1.0, 2.0, 3.0, 4.0
-#: Variance of the blur to begin with, radians^2: a pixel and half a pixel of fringes 10 wide.
+# Variances of the blur to choose from at first, radians^2: even steps of its width, so near that
+# the fit finds the way; the largest leaves a tenth of the fringes.
+_VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
+#: Variance of the blur where no code shows it: a pixel and half a pixel of fringes 10 wide.
 USUAL = 0.3
+# Largest step of the blur's variance in a round, radians^2.
+_STEP = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +39,27 @@ class Waveform:
     Attributes
     ----------
     start : float
-        Phase of the tables' first sample, radians.
-    tables : ndarray, shape (3, blurs, samples), float32
-        F, dF / d phase, dF / d variance.
-    harmonics : ndarray, shape (8,)
-        Cosine and sine parts of the harmonics 2 to 5, over the fundamental.
+        Phase of the first sample, radians.
+    has_code : bool
+        Whether fringes differ, so that blur changes more than their amplitude.
+    spectrum : ndarray, shape (frequencies,)
+        Of the panel's light over the samples.
+    frequency : ndarray, shape (frequencies,)
+        Over the fringes'.
+    variance : float
+        Of the blur in the middle of the picture, radians^2.
+    harmonics : ndarray, shape (4,), complex
+        Of the harmonics 2 to 5, over the fundamental.
     """
 
     start: float
-    tables: NDArray[np.float32]
-    harmonics: NDArray[np.float64]
+    has_code: bool
+    spectrum: NDArray[np.complex128]
+    frequency: NDArray[np.floating]
+    variance: float = USUAL
+    harmonics: NDArray[np.complex128] = field(
+        default_factory=lambda: np.zeros(len(_HARMONICS), complex)
+    )
 
     @classmethod
     def of(cls, pattern: Pattern) -> Waveform:
@@ -53,75 +67,101 @@ class Waveform:
         orders = pattern.fringe_orders
         count = (len(orders) + 2 * _BEYOND) * _SAMPLES
         start = _TURN * (orders.start - _BEYOND - 0.25)
-        phase = start + _TURN / _SAMPLES * np.arange(count)
-        light = np.fft.rfft(_drawn(pattern, phase)) / np.sinc(1 / pattern.period_px)
-        frequency = np.fft.rfftfreq(count, _TURN / _SAMPLES) * _TURN
-        # A plain cosine keeps its form in every blur.
-        blurs = _VARIANCES if pattern.code == 'contrast' else [USUAL]
-        tables = np.empty((3, len(blurs), count), np.float32)
-        for level, variance in enumerate(blurs):
-            # Over the carrier's own loss, which is the amplitude's.
-            half = (1 - np.square(frequency)) / 2
-            blurred = light * np.exp(variance * half)
-            for table, spectrum in zip(
-                tables[:, level], (blurred, 1j * frequency * blurred, half * blurred), strict=True
-            ):
-                table[:] = np.fft.irfft(spectrum, count)
-        return cls(start, tables, np.zeros(2 * len(_HARMONICS)))
+        light = _drawn(pattern, start + _TURN / _SAMPLES * np.arange(count))
+        return cls(
+            start,
+            pattern.code == 'contrast',
+            np.fft.rfft(light) / np.sinc(1 / pattern.period_px),
+            np.fft.rfftfreq(count, _TURN / _SAMPLES) * _TURN,
+        )
 
-    @property
-    def variances(self) -> tuple[float, ...]:
-        """Variances of the blur to begin with, radians^2."""
-        return _FIRST if self.has_code else (USUAL,)
+    def with_least(self, left: Callable[[Waveform], float]) -> Waveform:
+        """The waveform in the blur that leaves least: a parabola through the best choices."""
+        misfits = np.array([left(replace(self, variance=each)) for each in _VARIANCES])
+        middle = int(np.clip(misfits.argmin(), 1, len(misfits) - 2))
+        near = slice(middle - 1, middle + 2)
+        bend, slope, _ = np.polyfit(_VARIANCES[near], misfits[near], 2)
+        lowest = -slope / (2 * bend) if bend > 0 else _VARIANCES[misfits.argmin()]
+        return replace(self, variance=float(np.clip(lowest, 0, _VARIANCES[-1])))
 
-    @property
-    def has_code(self) -> bool:
-        """Whether fringes differ, so that the blur changes more than their amplitude."""
-        return self.tables.shape[1] > 1
+    @cached_property
+    def tables(self) -> tuple[NDArray[np.float32], ...]:
+        """F, dF / d phase and dF / d variance at the samples, shape (samples,)."""
+        count = 2 * (len(self.frequency) - 1)
+        # Over the carrier's own loss, which is the amplitude's.
+        half = (1 - np.square(self.frequency)) / 2
+        blurred = self.spectrum * np.exp(self.variance * half)
+        light, slope, by_blur = (
+            np.fft.irfft(each, count)
+            for each in (blurred, 1j * self.frequency * blurred, half * blurred)
+        )
+        turn = np.exp(1j * (self.start + _TURN / _SAMPLES * np.arange(count)))
+        for order, part in zip(_HARMONICS, self.harmonics, strict=True):
+            overtone = part * turn**order
+            light += overtone.real
+            slope -= order * overtone.imag
+        return tuple(each.astype(np.float32) for each in (light, slope, by_blur))
 
     def at(
-        self, phase: NDArray[np.float32], variance: NDArray[np.float32] | float = USUAL
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """F, dF / d phase and dF / d variance at phases, for blurs of variances (radians^2)."""
-        _, blurs, count = self.tables.shape
+        self, phase: NDArray[np.float32], more_blur: NDArray[np.float32] | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """F and dF / d phase at phases, in a blur whose variance is so much more (radians^2)."""
+        light, slope, by_blur = self.tables
+        index, beyond = self._nearest(phase)
+        slope = slope.take(index)
+        wave = light.take(index) + slope * beyond
+        if more_blur is not None:
+            wave += more_blur * by_blur.take(index)
+        return wave, slope
+
+    def by_blur(self, phase: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Derivative of F by the blur's variance at phases."""
+        return self.tables[2].take(self._nearest(phase)[0])
+
+    def _nearest(self, phase):
+        """Index of the nearest sample, and what the phase is beyond it, radians."""
         place = phase * np.float32(_SAMPLES / _TURN)
         place -= np.float32(self.start * _SAMPLES / _TURN)
-        np.clip(np.nan_to_num(place, copy=False), 0, count - 1, out=place)
-        index = np.rint(place).astype(np.int32)
-        place -= index
+        np.clip(place, 0, len(self.tables[0]) - 1, out=place)
+        nearest = np.rint(place)
+        place -= nearest
         place *= np.float32(_TURN / _SAMPLES)
-        if blurs == 1:
-            light, slope, by_blur = (each.ravel().take(index) for each in self.tables)
-            return light + slope * place, slope, by_blur
-        pitch = np.float32(_VARIANCES[1] - _VARIANCES[0])
-        level = (variance - np.float32(_VARIANCES[0])) / pitch
-        nearest = np.clip(np.rint(level), 0, blurs - 1)
-        index += nearest.astype(np.int32) * np.int32(count)
-        light, slope, by_blur = (table.ravel().take(index) for table in self.tables)
-        return light + slope * place + pitch * (level - nearest) * by_blur, slope, by_blur
+        return nearest.astype(np.int32), place
 
     def corrected(
         self,
         phase: NDArray[np.float32],
         misfit: NDArray[np.float32],
         weight: NDArray[np.float32],
-    ) -> Waveform:
-        """Waveform with the harmonics that a misfit over the amplitude shows (least squares)."""
-        columns = np.stack([each.ravel() for _, *pair in _overtones(phase) for each in pair])
-        weighted = columns * weight.ravel()
-        normal = weighted @ columns.T
-        more = np.linalg.solve(
-            normal + 1e-9 * max(np.trace(normal), 1e-9) * np.eye(len(normal)),
-            weighted @ misfit.ravel(),
-        )
-        tables = self.tables.copy()
-        samples = self.start + _TURN / _SAMPLES * np.arange(tables.shape[2])
-        for (order, cosine, sine), (a, b) in zip(
-            _overtones(samples), more.reshape(-1, 2), strict=True
-        ):
-            tables[0] += a * cosine + b * sine
-            tables[1] += order * (b * cosine - a * sine)
-        return replace(self, tables=tables, harmonics=self.harmonics + more)
+        by_blur: NDArray[np.float32] | None,
+    ) -> tuple[Waveform, NDArray[np.float64]]:
+        """Waveform, and the change of the blur's plane, that a misfit shows (eq. 4).
+
+        Parameters
+        ----------
+        phase, misfit, weight : ndarray, shape (samples,)
+            The misfit is over the amplitude.
+        by_blur : ndarray, shape (3, samples), or None
+            Derivative of the light by the blur's variance in the middle of the picture, and by
+            its rise over the width and height.
+
+        Returns
+        -------
+        waveform : Waveform
+        more : ndarray, shape (3,)
+            Of the blur's variance in the middle, and of its rise over width and height.
+        """
+        terms = np.stack([*_overtones(phase), *(() if by_blur is None else by_blur)])
+        weighted = terms * weight
+        normal = (weighted @ terms.T).astype(float)
+        ridge = 1e-9 + 1e-6 * np.trace(normal)
+        more = np.linalg.solve(normal + ridge * np.eye(len(normal)), weighted @ misfit)
+        parts = more[: 2 * len(_HARMONICS)]
+        blur = np.zeros(3) if by_blur is None else np.clip(more[len(parts) :], -_STEP, _STEP)
+        harmonics = self.harmonics + parts[::2] - 1j * parts[1::2]
+        blur[0] = np.clip(self.variance + blur[0], 0, _VARIANCES[-1]) - self.variance
+        waveform = replace(self, harmonics=harmonics, variance=self.variance + float(blur[0]))
+        return waveform, blur
 
 
 def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -140,9 +180,11 @@ def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]
 
 
 def _overtones(phase):
-    """Order, cosine and sine of each harmonic."""
-    turn = np.exp(1j * phase)
+    """Cosine and sine of each harmonic, one after the other."""
+    cosine, sine = cv2.polarToCart(np.ones_like(phase), phase)
+    turn = (cosine + 1j * sine).ravel()
     power = turn
-    for order in _HARMONICS:
+    for _ in _HARMONICS:
         power = power * turn
-        yield order, power.real, power.imag
+        yield power.real
+        yield power.imag
