@@ -21,11 +21,10 @@ from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.lit_area import LitArea
 
-# Fringes that a surface's end is short of the frame's rim, for the windows that it is measured
-# in: 0.3 to 0.5 in simulation, and up to so many more or fewer.
-_LACK, _LOOSE = 0.4, 0.4
+# Fringes that the light's end is seen off the frame's rim, at most: blur and windows.
+_LOOSE = 0.4
 # Fringes beyond the rim from which on no blur and no calibration explains it.
-_BEYOND = 0.5
+_BEYOND = 0.9
 # Projector pixels that the light's upper or lower end must rise over the frame's width to speak;
 # and that it lies beyond the rim, or both ends rise, where the geometry is another: far more than
 # what a calibration errs by.
@@ -64,7 +63,7 @@ def check_pattern(area: LitArea) -> bool:
     if sides and min(sides.values()) < -_BEYOND:
         beyond = -min(sides.values())
         raise OtherPatternError(
-            f'the fringes go on {beyond + _LACK:.1f} fringes beyond the rim of the frame that '
+            f'the fringes go on {beyond:.1f} fringes beyond the rim of the frame that '
             f'{told(area.pattern)} has; {_seen(area, sides)}: {ADVICE}'
         )
     period = _inside(area, sides)
@@ -78,13 +77,18 @@ def check_pattern(area: LitArea) -> bool:
             f"with {told(area.pattern)} the light would end beyond the frame's upper or lower "
             f'rim, and askew to it: do not mirror or turn the photograph, and {ADVICE}'
         )
-    tilt = area.tilt(area.pattern.period_px)
-    if tilt > _STEEPEST:
-        raise OtherPatternError(
-            f'with {told(area.pattern)} the surface would be tilted by {tilt:.0f} degrees; '
-            f'fringes of {_facing(area):.1f} px would face camera and projector: {ADVICE}'
-        )
+    if area.tilt(area.pattern.period_px) > _STEEPEST:
+        raise too_steep(area)
     return _in_place(area.pattern, sides)
+
+
+def too_steep(area: LitArea) -> OtherPatternError:
+    """What is said of a surface that would be too steep for its fringes to be seen so."""
+    tilt = area.tilt(area.pattern.period_px)
+    return OtherPatternError(
+        f'with {told(area.pattern)} the surface would be tilted by {tilt:.0f} degrees; '
+        f'fringes of {_facing(area):.1f} px would face camera and projector: {ADVICE}'
+    )
 
 
 def other_frame(area: LitArea) -> Pattern | None:
@@ -114,13 +118,13 @@ def _in_place(pattern: Pattern, sides: dict[bool, float]) -> bool:
     telling = [away for last, away in sides.items() if last or pattern.code == 'stripe']
     # A part of a fringe that the zero is off is not the period's.
     loose = _LOOSE if pattern.code == 'stripe' else _LOOSE / 2
-    return any(abs(away - _LACK) < loose for away in telling)
+    return any(abs(away) < loose for away in telling)
 
 
 def _inside(area: LitArea, sides: dict[bool, float]) -> float | None:
     """Period of the frame at whose rims the light ends, if that is not the one told."""
     pattern = area.pattern
-    if not sides or any(abs(away - _LACK) < _LOOSE for away in sides.values()):
+    if not sides or any(abs(away) < _LOOSE for away in sides.values()):
         return None
     if pattern.tells_rows:
         return None
@@ -159,8 +163,8 @@ def _frame(pattern: Pattern, sides: dict[bool, float]) -> tuple[float, float]:
     if pattern.code == 'contrast' and len(sides) == 1:
         return _frame_of_code(pattern, sides, first, last)
     # Fringes from the stripe; an end beyond the stripe is the frame's in no case.
-    left = min(first + sides.get(False, 0.0) - _LACK, -1.0)
-    right = max(last - sides.get(True, 0.0) + _LACK, 1.0)
+    left = min(first + sides.get(False, 0.0), -1.0)
+    right = max(last - sides.get(True, 0.0), 1.0)
     if len(sides) == 2:
         period = pattern.width / (right - left)
         return period, -0.5 - left * period
@@ -173,8 +177,8 @@ def _frame_of_code(
 ) -> tuple[float, float]:
     """Period and zero with which one end is the frame's rim, if the first is in its place."""
     if True not in sides:
-        return pattern.period_px, -0.5 - (first + sides[False] - _LACK) * pattern.period_px
-    right = last - sides[True] + _LACK
+        return pattern.period_px, -0.5 - (first + sides[False]) * pattern.period_px
+    right = last - sides[True]
     if abs(right - last) < _OFF_ZERO:
         return pattern.period_px, pattern.width - 0.5 - right * pattern.period_px
     period = pattern.width / (right - first)

@@ -30,7 +30,7 @@ from ftp_dent_ros.profilometry.fourier_transform.reference import (
     reference_phase,
 )
 from ftp_dent_ros.profilometry.fourier_transform.region import Window, clipped, lit_region, trusted
-from ftp_dent_ros.profilometry.lit_area import LitArea
+from ftp_dent_ros.profilometry.lit_area import WINDOWED, LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import check_pattern
 from ftp_dent_ros.profilometry.settings import Settings
@@ -127,7 +127,7 @@ class FourierTransform:
         shape = self._rays.shape[:2]
         whole, lit = np.zeros(shape, np.float32), np.zeros(shape, bool)
         whole[window.rows, window.columns], lit[window.rows, window.columns] = phase, valid
-        return check_pattern(LitArea.of(self.rig, self.pattern, self._rays, [(whole, lit)]))
+        return check_pattern(LitArea(self.rig, self.pattern, self._rays, whole, lit, WINDOWED))
 
     def _points_of(self, stripe: Stripe) -> NDArray[np.floating]:
         """Points on the stripe, shape (points, 3), metres."""

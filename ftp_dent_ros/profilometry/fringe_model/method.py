@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +12,10 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.errors import (
     NoStripeError,
+    OtherPatternError,
+    PatternError,
     RefusedFrameError,
+    RigError,
     SaturatedError,
     TooDarkError,
 )
@@ -22,9 +24,10 @@ from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, nearest
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
+from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
-from ftp_dent_ros.profilometry.fringe_model.orders import WORD, OrderLikelihood
+from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.points import Points, on_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
@@ -33,7 +36,7 @@ from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
-from ftp_dent_ros.profilometry.pattern_check import other_code
+from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_code, too_steep
 from ftp_dent_ros.rig.rig import Rig
 
 _TURN = 2 * math.pi
@@ -43,8 +46,8 @@ _BEYOND = 1.5
 _SMOOTH, _OFF = 0.5, 1.0
 # Fringes that the strip is high which shows the code's blur first.
 _STRIP = 10.0
-# Share of the amplitude beside that a window sees where the light ends a quarter of a fringe away.
-_WHOLE = 0.7
+# Periods over the one told whose fringes planes come near to, where those of none told are seen.
+_RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
 # Least mean weight and amplitude (levels) of windows that tell the ratio of grey to red.
@@ -113,8 +116,12 @@ class FringeModel:
         SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
         light = Light.of(photograph, self.grid)
-        start = fit_planes(self.grid, light.red, light.usable, self._planes, self._steps)
-        orders, numbered = self._orders(light, start)
+        start = self._start(light)
+        try:
+            orders, numbered = self._orders(light, start)
+        except (NoStripeError, TooDarkError):
+            self._check_other_periods(photograph)
+            raise
         phase, reference, surface = self._absolute(start, orders, numbered)
         plain = self._filled(light, phase)
         lit = self._lit(phase)
@@ -132,10 +139,41 @@ class FringeModel:
         coverage = Coverage.of(
             fringes, points.measured, clipped=light.usable == 0, **{reason: surface < 0}
         )
-        area = self._lit_area(start, phase, surface)
+        area = self._area(light, start, numbered, phase, reference)
+        area = replace(area, phase=np.where(lit & area.lit, fit.phase, area.phase))
         confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
         coverage = replace(coverage, confirmed=confirmed)
         return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
+
+    def _start(self, light: Light) -> Start:
+        return fit_planes(self.grid, light.red, light.usable, self._planes, self._steps)
+
+    def _area(self, light: Light, start: Start, numbered, phase, reference) -> LitArea:
+        """Where the light ends, and the phase, by the first fit: whatever the panel's rims are."""
+        lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
+        return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
+
+    def _check_other_periods(self, photograph: Photograph) -> None:
+        """Raise `OtherPatternError` if there are fringes that no plane comes near to.
+
+        Their phase about the stripe is the same, whatever their period.
+        """
+        for ratio in _RATIOS:
+            try:
+                other = replace(self.pattern, period_px=ratio * self.pattern.period_px)
+                model = FringeModel(self.rig, other, self.stride)
+                light = Light.of(photograph, model.grid)
+                start = model._start(light)
+                orders, numbered = model._orders(light, start)
+            except OtherPatternError:
+                raise other_code(self.pattern) from None
+            except (PatternError, RigError, RefusedFrameError):
+                continue
+            phase, reference, _ = model._absolute(start, orders, numbered)
+            area = model._area(light, start, numbered, phase, reference)
+            area = replace(area, pattern=self.pattern)
+            check_pattern(area)
+            raise too_steep(area)
 
     def _orders(self, light: Light, start: Start) -> tuple[dict[int, int], NDArray[np.int32]]:
         """Fringe orders that have the odds, and the number of each node's, -1 without."""
@@ -151,13 +189,18 @@ class FringeModel:
         sizes = np.bincount(start.surface[fringes])
         orders: dict[int, int] = {}
         surface = np.full(start.surface.shape, -1, np.int32)
+        unexplained = 0.0  # of all surfaces' nodes, beyond what may be
         for number in np.flatnonzero(sizes >= _LEAST_NODES):
             nodes = start.surface == number
-            for order, part in self._likelihood.parts(
+            parts, explained = self._likelihood.parts(
                 start.phase, ratio, weight, nodes, self.grid.fringe[1]
-            ):
+            )
+            unexplained += np.nan_to_num((EXPLAINED - explained) * sizes[number])
+            for order, part in parts:
                 surface[part] = len(orders)
                 orders[len(orders)] = order
+        if unexplained > 0:
+            raise other_code(self.pattern)
         if not orders:
             raise self._unnumbered(start)
         return orders, surface
@@ -212,18 +255,6 @@ class FringeModel:
         """Where the panel lights, but for its blurred rim."""
         _, v_p = self._bins.meet(phase)
         return on_panel(self.rig, self.pattern, phase, v_p)
-
-    def _lit_area(self, start: Start, phase, surface) -> LitArea:
-        """Where the first fit sees fringes, whatever the panel is said to light.
-
-        A window across the end of the light sees but a part of the amplitude beside it.
-        """
-        along_u, along_v = self.grid.fringe
-        size = [2 * math.ceil(n) + 1 for n in (along_v, along_u / self.grid.node)]
-        beside: Any = cv2.dilate(start.amplitude, np.ones(size, np.uint8))
-        share = self.grid.at_bins(start.amplitude / np.maximum(beside, np.float32(1)))
-        lit = (share > _WHOLE) & (surface >= 0)
-        return LitArea(self.rig, self.pattern, self._bins.rays, phase, lit)
 
     def _filled(self, light: Light, phase) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""

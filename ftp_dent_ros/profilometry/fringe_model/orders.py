@@ -36,9 +36,12 @@ ODDS = 1e3
 _PART_ODDS = 1e5
 # Of words, by how well they are read: half of a surface may be another's.
 _WELL_READ = 0.75
+#: Share of the steps' squares that a code explains at least, of a surface and of all together:
+#: that of another pattern explains a quarter, by chance, and of a few fringes more.
+EXPLAINED = 0.5
 #: Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
-# Share of a surface's nodes that the panel must light.
+# Share of the nodes lit under any order that must be lit: all of them are if the pattern is right.
 _ON_PANEL = 0.9
 
 
@@ -68,7 +71,7 @@ class OrderLikelihood:
         weight: NDArray[np.float32],
         inside: NDArray[np.bool_],
         rows: float,
-    ) -> list[tuple[int, NDArray[np.bool_]]]:
+    ) -> tuple[list[tuple[int, NDArray[np.bool_]]], float]:
         """Whole fringes to add to a surface's phase, and where.
 
         Two surfaces whose phases meet along an edge are taken for one; the code of each parts
@@ -91,6 +94,8 @@ class OrderLikelihood:
         -------
         list of (int, ndarray of bool)
             Fringe order and nodes of each part; empty if no order has the odds.
+        float
+            Share of the code's steps that is explained; NaN if no order has the odds.
         """
         row, column = np.nonzero(inside)
         place = phase[row, column]
@@ -114,7 +119,7 @@ class OrderLikelihood:
         )
         orders = self._lit_orders(low, place)
         if not known.any() or not len(orders):
-            return []
+            return [], math.nan
         each = self._likelihood(step, noise, orders, low, *_USUAL)
         few = np.argsort(each.sum(axis=(1, 2)))[-_RIVALS:]
         pairs = [(scatter, gain) for scatter in _SCATTERS for gain in _GAINS]
@@ -122,27 +127,55 @@ class OrderLikelihood:
         total = logsumexp([pair.sum(axis=(1, 2)) for pair in of_pairs], axis=0)
         first = int(np.argmax(total))
         if len(few) > 1 and total[first] - logsumexp(np.delete(total, first)) < math.log(ODDS):
-            return []
+            return [], math.nan
         if not self._has_words:
-            return [(int(orders[few[first]]), inside)]
+            return [(int(orders[few[first]]), inside)], 1.0
         # How well the code is read is seen where most of it is of the best order.
         read = [_read(pair[first]) for pair in of_pairs]
         each = self._likelihood(step, noise, orders, low, *pairs[int(np.argmax(read))])
         best = int(few[first])
-        local = _order_of_words(each, best)[block, cell]
+        words = _order_of_words(each, best)
+        explained = self._explained(step, noise, words, orders + low)
+        if explained < EXPLAINED:
+            return [], explained
+        local = words[block, cell]
         parts = []
         for number in np.unique(local[local >= 0]):
             nodes = np.zeros(inside.shape, bool)
             nodes[row, column] = local == number
             parts.append((int(orders[number]), nodes))
-        return parts
+        return parts, explained
+
+    def _explained(self, step, noise, words, first) -> float:
+        """Share of the steps' squares, in the rows of each part together, that the code explains.
+
+        What words of two orders leave between parts is not explained.
+
+        Parameters
+        ----------
+        words : ndarray, shape (blocks, cells)
+            Index of each cell's order.
+        first : ndarray, shape (orders,)
+            Fringe that the cells begin with, by the order.
+        """
+        weight = 1 / (noise + np.float32(_USUAL[0] ** 2))
+        of_steps = words[:, _CELLS // 2 :][:, : step.shape[1]]
+        sums = np.zeros(3)
+        for number in np.unique(words[words >= 0]):
+            mine = weight * (of_steps == number)
+            seen = mine.sum(axis=0)
+            mean = (mine * step).sum(axis=0) / np.maximum(seen, 1e-9)
+            expected = self._expected(first[[number]])[0, : len(mean)]
+            sums += [np.sum(seen * each) for each in (mean * expected, mean**2, expected**2)]
+        of_parts = weight[of_steps >= 0].sum() / max(weight.sum(), 1e-9)
+        return float(of_parts * sums[0] ** 2 / max(sums[1] * sums[2], 1e-12))
 
     def _lit_orders(self, low, place):
         """Orders under which the panel lights the surface."""
         orders = np.arange(self._first - low - self._count, self._first - low + self._count)
         shifted = place[None, :: max(1, len(place) // 500)] + _TURN * orders[:, None]
         lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
-        return orders[lit > _ON_PANEL]
+        return orders[lit > _ON_PANEL * lit.max()]
 
     def _expected(self, first):
         """Steps of the code from fringes of some orders on, shape (orders, cells)."""

@@ -36,7 +36,7 @@ from ftp_dent_ros.profilometry.least_squares.fringe_orders.stripe_surfaces impor
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.surfaces import Surfaces
 from ftp_dent_ros.profilometry.least_squares.mirror_check import check_upright
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
-from ftp_dent_ros.profilometry.lit_area import LitArea
+from ftp_dent_ros.profilometry.lit_area import WINDOWED, LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_frame
 from ftp_dent_ros.profilometry.projector_rows import Rows
@@ -130,8 +130,14 @@ class LeastSquares:
 
     def _lit_area(self, fitted: list[FittedSurface]) -> LitArea:
         """Where the surfaces have fringes."""
-        surfaces = [(self.grid.at_bins(part.phase), part.refined.measured) for part in fitted]
-        return LitArea.of(self.rig, self.pattern, self._bin_rays, surfaces)
+        first, *others = fitted
+        phase, lit = self.grid.at_bins(first.phase), first.refined.measured
+        for part in others:
+            measured = part.refined.measured
+            phase, lit = np.where(measured, self.grid.at_bins(part.phase), phase), lit | measured
+        # Windows know the light to a bin's middle, the area to its end.
+        short = WINDOWED - self.grid.step / self.period / 2
+        return LitArea(self.rig, self.pattern, self._bin_rays, phase, lit, short)
 
     def _result(self, light, lit, seams, fitted, area) -> Measurement:
         """Publish the surfaces together."""
