@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from itertools import chain
 
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground.commands import Answer, give_command
@@ -19,7 +20,6 @@ from ftp_dent_ros.ground.protocol import (
     SILENCE,
     WINDOW,
     Item,
-    Name,
     Piece,
     Report,
     inflate,
@@ -61,10 +61,12 @@ class Assembly:
     def __init__(self, ground: bytes, instance: int) -> None:
         self.repeated = self.bytes = 0
         self._ground, self._instance = ground, instance
-        self._parts: dict[Name, _Part] = {}
+        self._parts: dict[int, _Part] = {}
         self._held = 0
-        self._done: dict[Name, None] = {}
-        self._known: dict[str, dict[Name, bytes]] = {}
+        self._done: dict[int, None] = {}
+        # The last items of each topic, from which later ones may differ: more than can be in
+        # flight when the drone learns of the one that it has chosen.
+        self._recent: dict[str, deque[tuple[int, bytes]]] = {}
         self._link = self._sequence = self._received = 0
 
     def add(self, piece: Piece) -> Item | None:
@@ -101,22 +103,13 @@ class Assembly:
         """Items of which some pieces have come."""
         return len(self._parts)
 
-    def _item(self, name: Name, sent: bytes) -> Item:
-        def known(number: int) -> bytes | None:
-            other = Name(name.boot, number)
-            return next((each[other] for each in self._known.values() if other in each), None)
-
-        whole = inflate(sent, known)
+    def _item(self, name: int, sent: bytes) -> Item:
+        whole = inflate(sent, dict(chain.from_iterable(self._recent.values())).get)
         item = Item.unpack(whole)
         if len(whole) <= LARGEST_REFERENCE:
-            # Later ones of the topic may differ from it alone.
-            of_topic = self._known[item.topic] = self._known.pop(item.topic, {})
-            of_topic[name] = whole
-            # More than can be in flight when the drone learns of the one that it has chosen.
-            if len(of_topic) > WINDOW:
-                del of_topic[next(iter(of_topic))]
-            if len(self._known) > 24:
-                del self._known[next(iter(self._known))]
+            self._recent.setdefault(item.topic, deque(maxlen=WINDOW)).append((name, whole))
+            if len(self._recent) > 24:
+                del self._recent[next(iter(self._recent))]
         return item
 
     def _note(self, piece: Piece) -> None:
@@ -142,7 +135,7 @@ class Assembly:
             self._held += piece.total
         return part
 
-    def _drop(self, name: Name) -> None:
+    def _drop(self, name: int) -> None:
         self._held -= len(self._parts.pop(name).data)
 
 
