@@ -142,7 +142,8 @@ class Piece(NamedTuple):
     def unpack(data: bytes) -> Piece:
         """Piece of its bytes; raises `CodecError` if they are none that could be."""
         body = data[_PIECE.size :]
-        piece = Piece(*_unpacked(_PIECE, _PIECE_MARK, data[: _PIECE.size]), body)
+        head = _unpacked(_PIECE, _PIECE_MARK, data[: _PIECE.size])
+        piece = Piece._make((*head, body))
         # A datagram holds no more.
         fits = 0 < len(body) <= 1 << 16 and piece.offset + len(body) <= piece.total
         if not fits or piece.total > LARGEST_ITEM:

@@ -11,7 +11,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from ftp_dent_ros.ground.protocol import LARGEST_REFERENCE, Item, deflate
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import DownlinkSettings
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     image_from_message,
@@ -193,7 +193,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
         data = encode(cloud, view)
         self.diagnostics.measure('coding', time.thread_time() - started)
         self.diagnostics.count('clouds')
-        self.diagnostics.note('bytes of a cloud', len(data))
+        self.diagnostics.note({'bytes of a cloud': len(data)})
         self._send(topics.TOPICS[topics.POINTS].item(stamp, data, frame=frame))
 
     def _send_picture(self, message: Image) -> None:
@@ -206,7 +206,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
             self._thrift.put(topics.TOPICS[topics.PREVIEW_IMAGE].item(stamp, small, frame=frame))
         data = _jpeg(bgr, self.given.jpeg_quality)
         self.diagnostics.count('pictures')
-        self.diagnostics.note('bytes of a picture', len(data))
+        self.diagnostics.note({'bytes of a picture': len(data)})
         lens = {} if self._lens is None else {'lens': RayGrid(self._lens, 1).numbers()}
         self._send(topics.TOPICS[topics.IMAGE].item(stamp, data, frame=frame, **lens))
 
@@ -223,14 +223,15 @@ class Downlink(PayloadNode[DownlinkSettings]):
             return Answer(False, f'{client.srv_name} has not answered within 15 s')
         return Answer(bool(response.success), str(response.message))
 
-    def _judge(self) -> tuple[bytes, str]:
-        state = self._drone.state()
-        self.diagnostics.notes({**state, 'recording': self._recordings.state})
-        if trouble := self._drone.trouble():
-            return WARN, trouble
-        if state['grounds'] == '0':
-            return WARN, f'no ground is heard: {state["waiting (MB)"]} MB are kept'
-        return OK, f'{state["rate (kbit/s)"]} kbit/s'
+    def _judge(self) -> Sequence[Verdict]:
+        state, trouble = self._drone.state(), self._drone.trouble()
+        self.diagnostics.note({**state, 'recording': self._recordings.state})
+        unheard = f'no ground is heard: {state["waiting (MB)"]} MB are kept'
+        return (
+            (trouble, WARN, trouble),
+            (state['grounds'] == '0', WARN, unheard),
+            (True, OK, f'{state["rate (kbit/s)"]} kbit/s'),
+        )
 
 
 #: Run the node as a process.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import queue
 import sys
 import threading
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -31,7 +32,7 @@ from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import GroundStationSettings
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     cloud_to_message,
@@ -210,19 +211,18 @@ class GroundStation(PayloadNode[GroundStationSettings]):
                 if not self._drone_is_here:
                     self._topics.publish(item)
 
-    def _judge(self) -> tuple[bytes, str]:
+    def _judge(self) -> Sequence[Verdict]:
         waiting = {'clouds waiting for their pose': self._topics.untagged}
-        self.diagnostics.notes({**self._station.state(), **waiting})
+        self.diagnostics.note({**self._station.state(), **waiting})
         self._drone_is_here = 'downlink' in self.get_node_names()
-        if self._drone_is_here:
-            return ERROR, (
-                'the payload itself is in this ROS domain, so that nothing of it is published '
-                'twice: choose another ROS_DOMAIN_ID for the ground'
-            )
-        if change := self._station.change():
+        if not self._drone_is_here and (change := self._station.change()):
             self.get_logger().info(change)
         level, text = self._station.summary()
-        return (WARN if level else OK), text
+        here = (
+            'the payload itself is in this ROS domain, so that nothing of it is published '
+            'twice: choose another ROS_DOMAIN_ID for the ground'
+        )
+        return (self._drone_is_here, ERROR, here), (level, WARN, text), (True, OK, text)
 
 
 #: Run the node as a process.

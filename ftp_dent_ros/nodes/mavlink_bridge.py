@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -39,7 +39,7 @@ from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import MavlinkBridgeSettings
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     cloud_to_message,
@@ -339,7 +339,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self.diagnostics.count('tagged')
         self.diagnostics.measure('waited', time.monotonic() - waited.arrival)
         deviations = np.sqrt(np.diag(covariance))
-        self.diagnostics.notes(
+        self.diagnostics.note(
             {
                 'camera within, across (mm)': f'{1e3 * deviations[:2].max():.0f}',
                 'camera within, up (mm)': f'{1e3 * deviations[2]:.0f}',
@@ -347,23 +347,22 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             }
         )
 
-    def _judge(self) -> tuple[bytes, str]:
+    def _judge(self) -> Sequence[Verdict]:
         state = self.link.state()
-        self.diagnostics.notes(state.figures)
-        self.diagnostics.note('clouds waiting', len(self._waiting))
+        self.diagnostics.note({**state.figures, 'clouds waiting': len(self._waiting)})
         self._follow_origin(state.origin)
-        verdict = state.verdict
+        verdict, log = state.verdict, self.get_logger()
         said = (verdict.severity, verdict.reason or verdict.text)
         if said != self._said:
             self._said = said
             # One line a severity: rclpy ties a severity to the line that logs.
             if verdict.severity == 'ok':
-                self.get_logger().info(verdict.text)
+                log.info(verdict.text)
             elif verdict.severity == 'warning':
-                self.get_logger().warning(verdict.text)
+                log.warning(verdict.text)
             else:
-                self.get_logger().error(verdict.text)
-        return _LEVELS[verdict.severity], verdict.text
+                log.error(verdict.text)
+        return ((True, _LEVELS[verdict.severity], verdict.text),)
 
     def _follow_origin(self, origin: Origin | None) -> None:
         # Compared as text, for an altitude that is not known differs from itself.

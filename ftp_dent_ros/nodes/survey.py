@@ -10,6 +10,7 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -24,7 +25,7 @@ from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import SurveySettings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import coverage_to_markers
-from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import covariant_pose_message, make_header, pose_stamped_message
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import LATCHED, POSES
@@ -115,7 +116,7 @@ class Survey(PayloadNode[SurveySettings]):
         if seen is None:
             self.diagnostics.refuse('no coverage', 'the poses are too far apart to draw the skin')
             return
-        self.diagnostics.notes({'measured (m2)': f'{seen.area:.3f}', 'gaps': len(seen.gaps)})
+        self.diagnostics.note({'measured (m2)': f'{seen.area:.3f}', 'gaps': len(seen.gaps)})
         self._coverage.publish(coverage_to_markers(seen, stamps[-1], frame))
 
     def _tell_pairs(self, links: int) -> None:
@@ -126,7 +127,7 @@ class Survey(PayloadNode[SurveySettings]):
         for index in contradicting.keys() - self._left_out:
             self.diagnostics.refuse('contradicting pair', contradicting[index])
         self._left_out = set(contradicting)
-        self.diagnostics.notes(
+        self.diagnostics.note(
             {
                 'clouds in the survey': len(graph.poses),
                 'clouds without skin': self._joining.without_skin,
@@ -136,13 +137,14 @@ class Survey(PayloadNode[SurveySettings]):
             }
         )
 
-    def _judge(self) -> tuple[bytes, str]:
-        has_skin = self._matching.expects('skin')
-        if not self.diagnostics.recent('clouds'):
-            return OK, 'waiting for clouds' if has_skin else 'waiting for clouds and their skin'
-        if not has_skin:
-            return WARN, 'nobody publishes skin: along it the clouds lie as the autopilot says'
-        return OK, 'working'
+    def _judge(self) -> Sequence[Verdict]:
+        is_idle, has_skin = not self.diagnostics.recent('clouds'), self._matching.expects('skin')
+        alone = 'nobody publishes skin: along it the clouds lie as the autopilot says'
+        return (
+            (is_idle and has_skin, OK, 'waiting for clouds'),
+            (is_idle, OK, 'waiting for clouds and their skin'),
+            (not has_skin, WARN, alone),
+        )
 
 
 #: Run the node as a process.
