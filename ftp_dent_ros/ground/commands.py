@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ftp_dent_ros.ground.link import GroundLink
+from ftp_dent_ros.ground.protocol import remember
 from ftp_dent_ros.supervision.processes import Processes, Program
 
 COMMANDS = {
@@ -47,7 +48,6 @@ class Executive:
     """
 
     def __init__(self, does: Mapping[str, Callable[[], Answer]]) -> None:
-        self.refused = 0
         self._does = does
         self._answers: dict[str, Answer] = {}
         self._thread = ThreadPoolExecutor(1, 'commands')
@@ -56,7 +56,6 @@ class Executive:
         """Answer to a request, whatever it holds."""
         name, _, key = request[:100].decode(errors='replace').partition(' ')
         if name not in COMMANDS or len(key) != 32:
-            self.refused += 1
             return Answer(False, 'this is no command: it is refused').pack()
         if name not in self._does:
             return Answer(False, f'this payload cannot {COMMANDS[name]}').pack()
@@ -64,9 +63,7 @@ class Executive:
 
     def _do(self, name: str, key: str) -> Answer:
         if key not in self._answers:
-            self._answers[key] = self._does[name]()
-            if len(self._answers) > 64:  # who asks again is given the same answer
-                del self._answers[next(iter(self._answers))]
+            remember(self._answers, key, self._does[name](), 64)
         return self._answers[key]
 
 

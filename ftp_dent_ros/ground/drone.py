@@ -32,6 +32,7 @@ from ftp_dent_ros.ground.protocol import (
     Report,
     deflate,
 )
+from ftp_dent_ros.ground.topics import TOPICS
 
 _CROWD = 1000  # items in line before those that are gone are swept out
 _POLL = 0.1  # seconds
@@ -114,6 +115,8 @@ class Store:
         # From where no other start began to count.
         self._names = itertools.count(secrets.randbits(62))
         self._kept: dict[int, StoredItem] = {}
+        # By topic, of those whose next takes their place.
+        self._newest: dict[str, StoredItem] = {}
         self._lock = threading.RLock()
         if folder is None:
             return
@@ -190,13 +193,14 @@ class Store:
 
     def _replace(self, kept: StoredItem) -> None:
         """Put an item in the place of its topic's last one, unless that is on its way."""
-        for other in self:
-            if other.topic == kept.topic:
-                other.latest = False
-                if not other.begun:
-                    kept.order = min(kept.order, other.order)
-                if not (other.begun and other.owed):
-                    self.remove(other)
+        other, self._newest[kept.topic] = self._newest.get(kept.topic), kept
+        if other is None:
+            return
+        other.latest = False
+        if not other.begun:
+            kept.order = min(kept.order, other.order)
+        if not (other.begun and other.owed):
+            self.remove(other)
 
     def _write(self, kept: StoredItem, data: bytes) -> None:
         """Write an item; if the disk is full it stays in memory as long as there is room."""
@@ -265,6 +269,8 @@ class Feed:
         self._in_flight: deque[_InFlight] = deque()
         self._waiting: list[tuple[int, int, int, StoredItem]] = []
         self._progress: dict[int, _Progress] = {}
+        # When each topic's last item was begun, and how many bytes cross the air of it.
+        self._begun: dict[str, tuple[float, int]] = {}
         # Name and bytes of the last item of each topic that the ground has.
         self._references: dict[str, tuple[int, bytes]] = {}
 
@@ -285,6 +291,17 @@ class Feed:
             # What was replaced meanwhile must not pile up in a long silence.
             self._waiting = [entry for entry in self._waiting if not entry[-1].gone]
             heapq.heapify(self._waiting)
+
+    def is_due(self, topic: str) -> bool:
+        """Whether the next of a topic may be sent, for the share of the link that it may take.
+
+        By the rate as it is known now: in the beginning it is known to be far too low.
+        """
+        bound = TOPICS.get(topic)
+        if bound is None or not bound.share or topic not in self._begun:
+            return True
+        at, size = self._begun[topic]
+        return self._now() >= at + max(bound.period, size / (bound.share * self.pace.rate))
 
     def next_piece(self) -> tuple[Piece, float] | None:
         """Piece to send now, or None; with the seconds that its sending has to wait yet.
@@ -309,7 +326,8 @@ class Feed:
             return piece, wait
         progress.gaps[:1] = [(start + size, end)] if start + size < end else []
         self.sent_pieces = sequence
-        is_full = bool(self._waiting or any(each.gaps for each in self._progress.values()))
+        waits = (not kept.gone and self.is_due(kept.topic) for *_, kept in self._waiting)
+        is_full = any(each.gaps for each in self._progress.values()) or any(waits)
         if not self._in_flight:
             self._last_news = self._now()
         mark = self.pace.sent(size, not self._in_flight, is_full)
@@ -370,22 +388,28 @@ class Feed:
         """Most important item with something to send; one that is begun is finished first."""
         begun = [each for each in self._progress.values() if each.gaps]
         first = min(begun, key=lambda each: each.kept.importance, default=None)
-        while self._waiting:
-            importance, *_, kept = self._waiting[0]
-            if first is not None and first.kept.importance <= importance:
-                return first
-            heapq.heappop(self._waiting)
-            data = None if kept.gone else self._store.read(kept)
-            if data is not None:
-                kept.begun = True
-                if kept.importance > Importance.PREVIEWS:  # compressed in its own format
-                    sent = deflate(data, level=0)
-                else:
-                    sent = deflate(data, *self._references.get(kept.topic, (0, b'')))
-                progress = _Progress(kept, data, sent, [(0, len(sent))])
-                self._progress[kept.name] = progress
-                return progress
+        early = []
+        while self._waiting and (first is None or self._waiting[0][0] < first.kept.importance):
+            entry = heapq.heappop(self._waiting)
+            kept = entry[-1]
+            if not kept.gone and not self.is_due(kept.topic):
+                early.append(entry)
+            elif (data := self._store.read(kept)) is not None:
+                first = self._begin(kept, data)
+        for entry in early:
+            heapq.heappush(self._waiting, entry)
         return first
+
+    def _begin(self, kept: StoredItem, data: bytes) -> _Progress:
+        kept.begun = True
+        if kept.importance > Importance.PREVIEWS:  # compressed in its own format
+            sent = deflate(data, level=0)
+        else:
+            sent = deflate(data, *self._references.get(kept.topic, (0, b'')))
+        self._begun[kept.topic] = self._now(), len(sent)
+        progress = _Progress(kept, data, sent, [(0, len(sent))])
+        self._progress[kept.name] = progress
+        return progress
 
 
 class Drone:
@@ -427,9 +451,9 @@ class Drone:
                 feed.offer(kept)
             self._changed.notify_all()
 
-    def rate(self) -> float:
-        """byte/s of the slowest link that is heard; 0 if none is."""
-        return min((feed.pace.rate for feed in self._heard()), default=0.0)
+    def is_due(self, topic: str) -> bool:
+        """Whether a ground that is heard may be sent the next of a topic."""
+        return any(feed.is_due(topic) for feed in self._heard())
 
     def state(self) -> dict[str, str]:
         """What there is to say about the link, by name."""
@@ -439,7 +463,7 @@ class Drone:
             return {
                 'grounds': str(len(heard)),
                 'grounds out of reach': str(len(feeds) - len(heard)),
-                'rate (kbit/s)': f'{8e-3 * self.rate():.0f}',
+                'rate (kbit/s)': f'{8e-3 * min((f.pace.rate for f in heard), default=0.0):.0f}',
                 'round trip (ms)': f'{1e3 * max((f.pace.trip for f in heard), default=0.0):.0f}',
                 'pieces sent': str(sent),
                 'pieces sent again (%)': f'{100 * lost / max(sent, 1):.1f}',

@@ -6,12 +6,16 @@ import json
 import struct
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.errors import CodecError
+from ftp_dent_ros.rig.rig import Lens
 
+Key = TypeVar('Key')
+Value = TypeVar('Value')
 # Bytes: a whole cloud is coded in 0.1 MB, a picture in 0.3.
 LARGEST_ITEM = 32 << 20
 # Names of topics and types are far shorter.
@@ -28,6 +32,13 @@ _RAW = -15  # deflate without a header or checksum: the item has its own
 # Of another version of the link they are other ones.
 _PIECE, _PIECE_MARK = struct.Struct('<4sQIIII'), b'FP4 '
 _REPORT, _REPORT_MARK = struct.Struct('<4s16sQIIQ'), b'FR4 '
+
+
+def remember(last: dict[Key, Value], key: Key, value: Value, most: int) -> None:
+    """Note a value, and forget the oldest of more than so many: what comes may be anything."""
+    last[key] = value
+    if len(last) > most:
+        del last[next(iter(last))]
 
 
 class Importance(IntEnum):
@@ -63,8 +74,10 @@ class Item:
     data : bytes
     latest : bool
         Whether it takes the place of the topic's item before (a latched list).
-    extra : dict
-        What else a kind needs; JSON.
+    frame : str
+        Of the message.
+    lens : Lens or None
+        That a picture was taken with.
     """
 
     importance: Importance
@@ -73,11 +86,14 @@ class Item:
     stamp_ns: int
     data: bytes
     latest: bool = False
-    extra: dict[str, Any] = field(default_factory=dict)
+    frame: str = ''
+    lens: Lens | None = None
 
     def pack(self) -> bytes:
         """Header, data, and the CRC-32 of both."""
-        header = [self.importance, self.topic, self.kind, self.stamp_ns, self.latest, self.extra]
+        lens = RayGrid(self.lens, 1).numbers() if self.lens else ()
+        names = self.topic, self.kind, self.frame
+        header = [self.importance, *names, self.stamp_ns, self.latest, lens]
         text = json.dumps(header, separators=(',', ':')).encode()
         whole = _HEAD.pack(len(text)) + text + self.data
         return whole + _CHECKSUM.pack(zlib.crc32(whole))
@@ -97,7 +113,8 @@ class Item:
         try:
             (size,) = _HEAD.unpack_from(body)
             start = _HEAD.size + min(size, _LARGEST_HEADER)
-            importance, topic, kind, stamp, latest, extra = json.loads(body[_HEAD.size : start])
+            header = json.loads(body[_HEAD.size : start])
+            importance, topic, kind, frame, stamp, latest, lens = header
             return Item(
                 Importance(importance),
                 str(topic),
@@ -105,7 +122,8 @@ class Item:
                 int(stamp),
                 body[start:],
                 bool(latest),
-                dict(extra),
+                str(frame),
+                RayGrid.from_numbers(lens).lens if lens else None,
             )
         except (struct.error, ValueError, TypeError, ArithmeticError, RecursionError):
             raise CodecError('the header of an item is malformed: it is refused') from None

@@ -23,6 +23,7 @@ from ftp_dent_ros.ground.protocol import (
     Piece,
     Report,
     inflate,
+    remember,
 )
 
 # Seconds that the rate is a mean of.
@@ -80,18 +81,13 @@ class Assembly:
         """
         self._note(piece)
         self.bytes += len(piece.data)
-        if piece.name in self._done:
+        part = None if piece.name in self._done else self._part(piece)
+        if part is None or not part.take(piece):
             self.repeated += 1
-            return None
-        part = self._part(piece)
-        if not part.take(piece):
-            self.repeated += 1
-        if part.left:
+        if part is None or part.left:
             return None
         self._drop(piece.name)
-        self._done[piece.name] = None
-        if len(self._done) > 100_000:
-            del self._done[next(iter(self._done))]
+        remember(self._done, piece.name, None, 100_000)
         return self._item(piece.name, bytes(part.data))
 
     def report(self) -> Report:
@@ -107,9 +103,9 @@ class Assembly:
         whole = inflate(sent, dict(chain.from_iterable(self._recent.values())).get)
         item = Item.unpack(whole)
         if len(whole) <= LARGEST_REFERENCE:
-            self._recent.setdefault(item.topic, deque(maxlen=WINDOW)).append((name, whole))
-            if len(self._recent) > 24:
-                del self._recent[next(iter(self._recent))]
+            recent = self._recent.get(item.topic) or deque(maxlen=WINDOW)
+            recent.append((name, whole))
+            remember(self._recent, item.topic, recent, 24)
         return item
 
     def _note(self, piece: Piece) -> None:

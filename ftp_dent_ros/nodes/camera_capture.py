@@ -99,22 +99,20 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        response.message = 'there are no more images: set files.loop, or start again'
         demand = self._thread.submit(self._shoot)
         if not wait([demand], _DEMAND_TIMEOUT).done:
             demand.cancel()
             response.message = f'no photograph within {_DEMAND_TIMEOUT:g} s'
-            return response
-        with self.diagnostics.guarded('no photograph'):
-            try:
-                frame = demand.result()
-            except Exception as error:
-                response.message = str(error)
-                raise
-            if frame is not None:
-                response.success = True
-                seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
-                response.message = f'photograph taken at {seconds}.{nanoseconds:09d}'
+        elif (error := demand.exception()) is not None:
+            response.message = str(error)
+            with self.diagnostics.guarded('no photograph'):
+                raise error
+        elif (frame := demand.result()) is None:
+            response.message = 'there are no more images: set files.loop, or start again'
+        else:
+            seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
+            response.success = True
+            response.message = f'photograph taken at {seconds}.{nanoseconds:09d}'
         return response
 
     def _shoot(self) -> Frame | None:
@@ -164,7 +162,7 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         )
         self.diagnostics.count('images')
         self.diagnostics.note({'size': f'{width}x{height}', 'pixels': photograph.encoding})
-        self.diagnostics.measure('latency', (self.now_ns() - frame.stamp_ns) / 1e9)
+        self.diagnostics.count('latency', (self.now_ns() - frame.stamp_ns) / 1e9)
 
     def _judge(self) -> Sequence[Verdict]:
         source, rate = self._source, self.given.rate

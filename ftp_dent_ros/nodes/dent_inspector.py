@@ -178,10 +178,9 @@ class DentListing:
             with self._kept_on_disk():
                 self._kept.add(frame_id, stamp_ns, dents, pose, covariance)
             # Meanwhile it may have been found to lie elsewhere.
-            newer = self._poses.get(stamp_ns)
-            if newer is not None:
+            if stamp_ns in self._poses:
                 with self._kept_on_disk():
-                    self._kept.correct(frame_id, {stamp_ns: newer})
+                    self._kept.correct(frame_id, {stamp_ns: self._poses[stamp_ns]})
         self._drawing.put(self._kept)
 
     def correct(self, path: Path) -> None:
@@ -213,12 +212,10 @@ class DentListing:
             poses = {
                 stamp_to_ns(each.header.stamp): pose_from_message(each.pose) for each in path.poses
             }
-            has_changed = True
             with self._kept_on_disk():
-                has_changed = self._kept.correct(path.header.frame_id, poses)
+                if self._kept.correct(path.header.frame_id, poses):
+                    self._diagnostics.count('corrections of the list')
             self._poses = poses
-            if has_changed:
-                self._diagnostics.count('corrections of the list')
 
     @contextmanager
     def _kept_on_disk(self) -> Iterator[None]:

@@ -106,12 +106,11 @@ class Diagnostics:
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self._publish, clock=clock)
 
-    def count(self, name: str) -> None:
-        """Count one `name` ('images', say): its total and rate are shown."""
-        self._statistics.add(name)
+    def count(self, name: str, seconds: float | None = None) -> None:
+        """Count one `name` ('images', say), or a duration ('latency', say).
 
-    def measure(self, name: str, seconds: float) -> None:
-        """Add a duration ('latency', say): its median and maximum are shown."""
+        Of the ones total and rate are shown, of the others median and maximum.
+        """
         self._statistics.add(name, seconds)
 
     @contextmanager
@@ -123,10 +122,10 @@ class Diagnostics:
         started = time.monotonic()
         yield
         self.count(done)
-        self.measure('computation', time.monotonic() - started)
+        self.count('computation', time.monotonic() - started)
         latency = (self._node.get_clock().now().nanoseconds - stamp_ns) / 1e9
         if 0 <= latency < _LONGEST_LATENCY:
-            self.measure('latency', latency)
+            self.count('latency', latency)
 
     def note(self, values: Mapping[str, object]) -> None:
         """Show some values from now on, by name."""

@@ -135,6 +135,18 @@ def test_previews_of_several_topics_take_turns():
     assert sum(counts) > 18 and abs(counts[0] - counts[1]) <= 2
 
 
+def test_a_topic_takes_its_share_of_the_link_and_the_newest_comes_in_the_end():
+    line = Line(rate=30_000.0)
+    for stamp in range(60):
+        line.put(Importance.PREVIEWS, stamp, 10_000, topic='survey/path', latest=True)
+        line.put(Importance.CLOUDS, stamp, 20_000)
+        line.run(1.0)
+    paths = stamps(line.items, Importance.PREVIEWS)
+    # A tenth of the link: one in three seconds.
+    assert 12 <= len(paths) <= 25 and len(stamps(line.items, Importance.CLOUDS)) > 50
+    assert stamps(line.run(10), Importance.PREVIEWS)[-1] == 59
+
+
 def test_what_is_more_important_overtakes_within_a_quarter_of_a_second():
     line = Line(rate=30_000.0)
     line.put(Importance.CLOUDS, 1, 2_000_000)

@@ -29,7 +29,7 @@ def test_counts_durations_and_notes_are_shown(ros, monkeypatch):
     diagnostics = Diagnostics(ros.node, hardware_id='/dev/video0')
     for seconds in (0.010, 0.030, 0.020):
         diagnostics.count('images')
-        diagnostics.measure('latency', seconds)
+        diagnostics.count('latency', seconds)
     diagnostics.note({'period (px)': 8})
     status = diagnostics.status()
     values = values_of(status)
