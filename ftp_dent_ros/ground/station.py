@@ -156,7 +156,7 @@ class Station:
         ground = hashlib.sha256((name or socket.gethostname()).encode()).digest()[:16]
         self._assembly = Assembly(ground, secrets.randbits(31))
         self._lock = threading.Lock()
-        self._came: deque[tuple[float, int]] = deque()
+        self._came: deque[tuple[float, int]] = deque(maxlen=50_000)
         self._heard = float('-inf')
         self._stop = threading.Event()
         self._due = threading.Event()
@@ -171,11 +171,9 @@ class Station:
 
     def rate(self) -> float:
         """byte/s that came in the last ten seconds."""
+        since = time.monotonic() - _WINDOW
         with self._lock:
-            now = time.monotonic()
-            while self._came and self._came[0][0] < now - _WINDOW:
-                self._came.popleft()
-            return sum(size for _, size in self._came) / _WINDOW
+            return sum(size for at, size in self._came if at >= since) / _WINDOW
 
     def summary(self) -> tuple[int, str]:
         """Level of the link (0 works, 1 warns) and a sentence."""

@@ -45,7 +45,7 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS, AnySubscription
+from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, PATTERNS, AnySubscription
 
 
 class Reconstruction(PayloadNode[ReconstructionSettings]):
@@ -74,12 +74,8 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             'a pattern could not be read',
             'wrong pattern',
         )
-        AnySubscription(
-            self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
-        )
-        self._images = AnySubscription(
-            self, Image, 'camera/image_raw', self._on_image, IMAGES, OVERRIDABLE
-        )
+        AnySubscription(self, CameraInfo, 'camera/camera_info', self._watch.on_info)
+        self._images = AnySubscription(self, Image, 'camera/image_raw', self._on_image)
         self._last_stamp_ns = 0
 
     def _on_pattern(self, message: Image) -> None:

@@ -84,19 +84,17 @@ class Diagnostics:
     judge : callable, optional
         Gives what the node itself knows: the first `Verdict` that holds is told; a refusal or a
         failure of the last ten seconds that is worse goes first.
+
+    Attributes
+    ----------
     hardware_id : str
         The device that the node speaks for.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        judge: Callable[[], Sequence[Verdict]] = tuple,
-        hardware_id: str = '',
-    ) -> None:
+    def __init__(self, node: Node, judge: Callable[[], Sequence[Verdict]] = tuple) -> None:
         self._node = node
         self._judge = judge
-        self.hardware_id = hardware_id
+        self.hardware_id = ''
         self._statistics, self._troubles = Statistics(), Statistics()
         self._troubles.totals.update(refused=0, failed=0)
         self._notes: dict[str, str] = {}

@@ -26,7 +26,8 @@ def values_of(status):
 
 def test_counts_durations_and_notes_are_shown(ros, monkeypatch):
     monkeypatch.setattr('ftp_dent_ros.ros.diagnostics.Statistics', lambda: Statistics(now=Clock()))
-    diagnostics = Diagnostics(ros.node, hardware_id='/dev/video0')
+    diagnostics = Diagnostics(ros.node)
+    diagnostics.hardware_id = '/dev/video0'
     for seconds in (0.010, 0.030, 0.020):
         diagnostics.count('images')
         diagnostics.count('latency', seconds)
