@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import shutil
-from collections import ChainMap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,6 @@ from ftp_dent_ros.ros.photographer import Photographer
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.ros.session import session
 from ftp_dent_ros.supervision.configuration import NodeEntry, read_configuration
-from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
 # No projector is later, nanoseconds.
 _SETTLED_NS = 200_000_000
@@ -38,8 +37,7 @@ _HEARD = 10.0
 # A stamp is that old at most when its photograph arrives, seconds.
 _LATEST = 2.0
 _LEVEL = {OK: '  ok ', WARN: 'WARN ', NO: 'NO GO'}
-# Entries by executable, and the last state of every node with its time, ns.
-Entries = Mapping[str, NodeEntry]
+# Last state of every node, and its time, ns.
 States = dict[str, tuple[int, DiagnosticStatus]]
 
 
@@ -53,8 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check, say, and judge: 0 go, 1 no go."""
-    configured = read_configuration(arguments.configuration)
-    entries = {e.executable: e for e in configured if e.executable != SIMULATED_AUTOPILOT}
+    entries = {entry.executable: entry for entry in read_configuration(arguments.configuration)}
     for name in ('pattern_publisher', 'camera_capture', 'reconstruction'):
         if name not in entries:
             raise ConfigurationError(f'{arguments.configuration}: runs no {name}: add it')
@@ -63,70 +60,54 @@ def run(arguments: argparse.Namespace) -> int:
     with session('preflight', remap) as (node, stop):
         states = _listen(node)
         photographer = Photographer(node, stop)
-
-        def wait_for_states(since_ns: int) -> None:
-            names = {entry.name for entry in entries.values()}
-            photographer.waited_for(
-                lambda: names <= {name for name, (at, _) in states.items() if at >= since_ns},
-                _HEARD,
-            )
-
         try:
-            wait_for_states(0)
-            photographer.projector_size()  # waits until projector and camera are there
-            findings = _photographs(photographer, entries)
+            photographer.waited_for(lambda: all(_heard(states, entries)), _HEARD)
+            size = photographer.projector_size()
+            findings = _photographs(photographer, size, entries)
             # What a node said before it saw the pattern tells nothing of it now.
-            wait_for_states(photographer.now_ns())
+            end = photographer.now_ns()
+            photographer.waited_for(lambda: all(_heard(states, entries, end)), _HEARD)
         except CameraError as reason:
             findings = [Finding('payload', NO, str(reason))]
         finally:
             photographer.close()
-    findings += [_state(entry, states) for entry in entries.values()]
+    findings += _nodes(states, entries)
     findings.append(_disk(arguments.bags))
     width = max(len(finding.name) for finding in findings)
     for finding in findings:
         print(f'{_LEVEL[finding.verdict]}  {finding.name:{width}}  {finding.text}')
-    first = next((finding for finding in findings if finding.verdict == NO), None)
-    print(f'\nNO GO: {first.name}: {first.text}' if first else '\nGO')
-    return 1 if first else 0
+    reasons = [finding for finding in findings if finding.verdict == NO]
+    if reasons:
+        print(f'\nNO GO: {reasons[0].name}: {reasons[0].text}')
+        return 1
+    print('\nGO')
+    return 0
 
 
-def _photographs(photographer: Photographer, entries: Entries) -> list[Finding]:
+def _photographs(
+    photographer: Photographer, size: tuple[int, int], entries: Mapping[str, NodeEntry]
+) -> list[Finding]:
     pattern = pattern_from_image(photographer.projected())
     rig = read_rig(find(_parameter(entries['reconstruction'], 'rig', '')))
     pattern.check_fits(rig.projector)
     stride = int(_parameter(entries['reconstruction'], 'stride', Settings().stride))
     reconstructor = Reconstructor(rig, pattern, Settings(stride=stride))
-
-    def photograph(
-        image: NDArray[np.uint8], is_right: Callable[[NDArray[np.uint8]], object]
-    ) -> NDArray[np.uint8]:
-        """Photograph of an image; a projector or a camera that is late gets some tries more."""
-        shown = photographer.show(image) + _SETTLED_NS
-        for _ in range(_RETAKES):
-            taken, _ = photographer.photograph(shown, colour=True)
-            if is_right(taken):
-                break
-        return taken
-
+    white, _ = photographer.photograph(
+        photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
+    )
+    shown = photographer.show(_even(size, 0)) + _SETTLED_NS
+    black = _retaken(photographer, shown, lambda image: image.mean() < white.mean())
     drawn = pattern.draw()
-    white = photograph(np.full_like(drawn, 254), lambda image: True)
-    black = photograph(np.zeros_like(drawn), lambda image: image.mean() < white.mean())
-    photograph(drawn, lambda image: sharpness(white, black, image, drawn) >= _FRINGES)
+    shown = photographer.show(drawn) + _SETTLED_NS
+    _retaken(photographer, shown, lambda image: sharpness(white, black, image, drawn) >= _FRINGES)
     fringes, ages = [], []
     # For the flicker.
     for _ in range(6):
-        image, stamp_ns = photographer.photograph(0, colour=True)
+        image, stamp_ns = photographer.photograph(shown, colour=True)
         ages.append((photographer.now_ns() - stamp_ns) / 1e9)
         fringes.append(image)
     exposure = float(_parameter(entries['camera_capture'], 'device.exposure', 0.0))
-    inspector, smallest = entries.get('dent_inspector'), Smallest()
-    if inspector is not None:
-        given = {
-            name: float(_parameter(inspector, name, value))
-            for name, value in vars(smallest).items()
-        }
-        smallest = Smallest(**given)
+    smallest = _smallest(entries.get('dent_inspector'))
     findings = examine(rig, pattern, white, black, fringes, reconstructor, exposure, smallest)
     simulated = _parameter(entries['camera_capture'], 'source', '') == 'simulation'
     return [*findings, _clock(float(np.median(ages)), simulated)]
@@ -143,6 +124,17 @@ def _clock(age: float, simulated: bool) -> Finding:
     return Finding('clock', NO, f'{text}: {advice}')
 
 
+def _retaken(
+    photographer: Photographer, shown: int, right: Callable[[NDArray[np.uint8]], bool]
+) -> NDArray[np.uint8]:
+    """Photograph of what is shown; a projector or a camera that is late gets some tries more."""
+    for _ in range(_RETAKES):
+        image, _ = photographer.photograph(shown, colour=True)
+        if right(image):
+            break
+    return image
+
+
 def _listen(node: Node) -> States:
     """Last state of every node and its time (ns), by its name, as they come."""
     states: States = {}
@@ -155,17 +147,28 @@ def _listen(node: Node) -> States:
     return states
 
 
-def _state(entry: NodeEntry, states: States) -> Finding:
-    """What a node says of itself; without the autopilot's poses nothing is known where it is."""
-    if entry.name not in states:
-        return Finding(entry.name, NO, 'says nothing: is it running?')
-    _, state = states[entry.name]
-    verdict = OK
-    if state.level == DiagnosticStatus.ERROR:
-        verdict = NO
-    elif state.level == DiagnosticStatus.WARN and 'projector/show' not in state.message:
-        verdict = NO if entry.executable == 'mavlink_bridge' else WARN
-    return Finding(entry.name, verdict, state.message)
+def _heard(states: States, entries: Mapping[str, NodeEntry], since_ns: int = 0) -> Iterable[bool]:
+    """Of every node that tells its state, whether it has since a moment."""
+    telling = (e.name for e in entries.values() if e.executable != 'simulated_autopilot')
+    return (name in states and states[name][0] >= since_ns for name in telling)
+
+
+def _nodes(states: States, entries: Mapping[str, NodeEntry]) -> list[Finding]:
+    findings = []
+    for entry in entries.values():
+        if entry.executable == 'simulated_autopilot':
+            continue
+        if entry.name not in states:
+            findings.append(Finding(entry.name, NO, 'says nothing: is it running?'))
+            continue
+        _, state = states[entry.name]
+        verdict = OK
+        if state.level == DiagnosticStatus.ERROR:
+            verdict = NO
+        elif state.level == DiagnosticStatus.WARN and 'projector/show' not in state.message:
+            verdict = NO if entry.executable == 'mavlink_bridge' else WARN
+        findings.append(Finding(entry.name, verdict, state.message))
+    return findings
 
 
 def _disk(folder: Path) -> Finding:
@@ -178,5 +181,24 @@ def _disk(folder: Path) -> Finding:
 
 def _parameter(entry: NodeEntry, name: str, default: Any) -> Any:
     """A parameter of an entry, written flat or nested."""
-    blocks = (entry.absolute, entry.parameters, entry.shared)
-    return ChainMap(*(dict(flat(block)) for block in blocks)).get(name, default)
+    for block in (entry.absolute, entry.parameters, entry.shared):
+        values = dict(flat(block))
+        if name in values:
+            return values[name]
+    return default
+
+
+def _smallest(entry: NodeEntry | None) -> Smallest:
+    """The smallest dent that the payload looks for."""
+    if entry is None:
+        return Smallest()
+    return Smallest(
+        **{
+            each.name: float(_parameter(entry, each.name, each.default))
+            for each in fields(Smallest)
+        }
+    )
+
+
+def _even(size: tuple[int, int], level: int) -> np.ndarray:
+    return np.full((size[1], size[0], 3), level, np.uint8)

@@ -14,9 +14,9 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import (
@@ -109,7 +109,8 @@ class TransformPublisher:
             self._publishers[static].publish(TFMessage(transforms=[message]))
 
 
-class Waiting(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Waiting:
     """A cloud or the telling of an image that waits for its pose.
 
     Attributes
@@ -125,10 +126,10 @@ class Waiting(NamedTuple):
     stamp: int
     arrival: float
 
-
-def has_come(message: Any) -> Waiting:
-    """A message that has just come."""
-    return Waiting(message, stamp_to_ns(message.header.stamp), time.monotonic())
+    @staticmethod
+    def of(message: Any) -> Waiting:
+        """A message that has just come."""
+        return Waiting(message, stamp_to_ns(message.header.stamp), time.monotonic())
 
 
 def settled(
@@ -203,7 +204,7 @@ class BridgeCamera:
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         self._size = (message.width, message.height)
-        self._images.append(has_come(message))
+        self._images.append(Waiting.of(message))
 
     def _shoot(self) -> bool:
         if not self._client.service_is_ready():
@@ -294,7 +295,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
                 f'{self.given.camera_frame!r}: set camera_frame',
                 'wrong frame',
             )
-        self._waiting.append(has_come(message))
+        self._waiting.append(Waiting.of(message))
         self._settle()
         while len(self._waiting) > self.given.queue_size:
             # There is no room for it any more: it is refused for what it has waited for.

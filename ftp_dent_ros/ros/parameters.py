@@ -115,20 +115,22 @@ class Parameters(Declarations):
 
 def _descriptor(declaration: Declaration) -> ParameterDescriptor:
     """What ROS tells of a parameter."""
-    above, maximum = declaration.above, declaration.maximum
-    lowest = above if declaration.minimum is None else declaration.minimum
-    constraints = ''
-    if declaration.choices:
-        constraints = f'One of {", ".join(declaration.choices)}.'
-    elif above is not None:
-        constraints = f'Above {above:g}.'
-    kind, limits = type(declaration.default), {}
-    if lowest is not None and maximum is not None and kind in (float, int):
-        limits = {'from_value': kind(lowest), 'to_value': kind(maximum)}
-    return ParameterDescriptor(
-        description=declaration.description,
-        read_only=not declaration.changeable,
-        additional_constraints=constraints,
-        floating_point_range=[FloatingPointRange(**limits)] if limits and kind is float else [],
-        integer_range=[IntegerRange(**limits)] if limits and kind is int else [],
+    descriptor = ParameterDescriptor(
+        description=declaration.description, read_only=not declaration.changeable
     )
+    if declaration.choices:
+        descriptor.additional_constraints = f'One of {", ".join(declaration.choices)}.'
+    if declaration.above is not None:
+        descriptor.additional_constraints = f'Above {declaration.above:g}.'
+    lowest = declaration.above if declaration.minimum is None else declaration.minimum
+    if lowest is None or declaration.maximum is None:
+        return descriptor
+    if isinstance(declaration.default, float):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(lowest), to_value=float(declaration.maximum))
+        ]
+    elif isinstance(declaration.default, int):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(lowest), to_value=int(declaration.maximum))
+        ]
+    return descriptor
