@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -344,7 +344,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             }
         )
 
-    def _judge(self) -> Sequence[Verdict]:
+    def _judge(self) -> tuple[Verdict, ...]:
         state = self.link.state()
         self.diagnostics.note({**state.figures, 'clouds waiting': len(self._waiting)})
         self._follow_origin(state.origin)
