@@ -59,24 +59,18 @@ def encode_message(item: Item) -> tuple[str, bytes]:
     from ftp_dent_ros.recording.compression import cloud_message
 
     store = topic.typestore()
-    seconds, rest = divmod(item.stamp_ns, 10**9)
+    seconds, nanoseconds = divmod(item.stamp_ns, 10**9)
     try:
-        header = store.types['std_msgs/msg/Header'](
-            stamp=store.types['builtin_interfaces/msg/Time'](sec=seconds, nanosec=rest),
-            frame_id=item.frame,
-        )
+        stamp = store.types['builtin_interfaces/msg/Time'](sec=seconds, nanosec=nanoseconds)
+        header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id=item.frame)
         if item.kind == 'cloud':
-            cloud = cloud_message(header, item.data, _FIELDS)
-            return _CLOUD, bytes(store.serialize_cdr(cloud, _CLOUD))
-        if item.kind == 'jpeg':
+            kind, message = _CLOUD, cloud_message(header, item.data, _FIELDS)
+        elif item.kind == 'jpeg':
             data = np.frombuffer(item.data, np.uint8)
-            picture = store.types[_PICTURE](header=header, format='jpeg', data=data)
-            return _PICTURE, bytes(store.serialize_cdr(picture, _PICTURE))
-        kind = item.kind.removeprefix('cdr:')
-        if not item.kind.startswith('cdr:') or kind not in store.types:
-            raise ValueError
-        message_of(item)  # raises if it is none
-        return kind, item.data
+            kind, message = _PICTURE, store.types[_PICTURE](header, 'jpeg', data)
+        else:
+            kind, message = item.kind.removeprefix('cdr:'), message_of(item)
+        return kind, bytes(store.serialize_cdr(message, kind))
     except (ValueError, TypeError, KeyError):
         raise CodecError(f'an item of {item.topic} is malformed: it is refused') from None
 
