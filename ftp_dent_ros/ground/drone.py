@@ -303,36 +303,28 @@ class Feed:
         at, size = self._begun[topic]
         return self._now() >= at + max(bound.period, size / (bound.share * self.pace.rate))
 
-    def next_piece(self) -> tuple[Piece, float] | None:
-        """Piece to send now, or None; with the seconds that its sending has to wait yet.
-
-        If those are not 0 the piece is only announced, and has to be asked for again.
-        """
+    def next_piece(self) -> Piece | None:
+        """Piece to send now, if there is one and the link takes it."""
         self._lose_if_old()
-        size = self.pace.piece
-        full = self._bytes_in_flight + size > self.pace.window and self._in_flight
-        if full or len(self._in_flight) >= WINDOW or self.silence > SILENCE:
+        pace, size = self.pace, self.pace.piece
+        is_open = not self._in_flight or self._bytes_in_flight + size <= pace.window
+        if not is_open or len(self._in_flight) >= WINDOW or pace.wait or self.silence > SILENCE:
             return None
         progress = self._choose()
         if progress is None:
             return None
         start, end = progress.gaps[0]
         size = min(size, end - start)
-        wait = self.pace.wait(size)
-        data, sequence = progress.data, self.sent_pieces + 1
-        part = data[start : start + size]
-        piece = Piece(progress.kept.name, self.link, sequence, len(data), start, part)
-        if wait > 0:
-            return piece, wait
+        data, self.sent_pieces = progress.data, self.sent_pieces + 1
         progress.gaps[:1] = [(start + size, end)] if start + size < end else []
-        self.sent_pieces = sequence
         waits = (not kept.gone and self.is_due(kept.topic) for *_, kept in self._waiting)
         is_full = any(each.gaps for each in self._progress.values()) or any(waits)
         if not self._in_flight:
             self._last_news = self._now()
-        mark = self.pace.sent(size, not self._in_flight, is_full)
-        self._in_flight.append(_InFlight(sequence, progress, start, mark))
-        return piece, 0.0
+        mark = pace.sent(size, not self._in_flight, is_full)
+        self._in_flight.append(_InFlight(self.sent_pieces, progress, start, mark))
+        part = data[start : start + size]
+        return Piece(progress.kept.name, self.link, self.sent_pieces, len(data), start, part)
 
     def take(self, report: Report) -> list[StoredItem]:
         """Learn what has arrived; the items that are whole there now."""
@@ -549,12 +541,8 @@ class Drone:
             with self._changed:
                 if self._stop or self._feeds.get(feed.ground) is not feed:
                     return
-                found = feed.next_piece()
-                if found is None:
-                    self._changed.wait(_POLL)
+                piece = feed.next_piece()
+                if piece is None:
+                    self._changed.wait(min(feed.pace.wait or _POLL, _POLL))
                     continue
-            piece, wait = found
-            if wait > 0:
-                time.sleep(min(wait, _POLL))
-                continue
             self._link.send(channel, piece.pack())

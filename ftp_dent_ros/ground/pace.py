@@ -59,8 +59,7 @@ class Pace:
         self._delivered_at = self._first_sent_at = now()
         # The first rate may be far too high for a slow link: what waits there is looked for soon.
         self._drained_at = now() + 2.0 - _BETWEEN_DRAINS
-        self._budget = 0.0
-        self._budget_at = now()
+        self._free_at = now()
 
     @property
     def rate(self) -> float:
@@ -104,16 +103,10 @@ class Pace:
         # So late a busy computer's news may be.
         return 0.2 + 2 * (self.trip + in_flight / self.rate)
 
-    def wait(self, size: int) -> float:
-        """Seconds until so many bytes may go, for the limit's sake."""
-        if not self.limit:
-            return 0.0
-        now = self._now()
-        # A piece of a tenth of a second may be saved up.
-        most = max(0.1 * self.limit, float(size))
-        self._budget = min(self._budget + (now - self._budget_at) * self.limit, most)
-        self._budget_at = now
-        return max(0.0, (size - self._budget) / self.limit)
+    @property
+    def wait(self) -> float:
+        """Seconds until the next piece may go, for the limit's sake."""
+        return max(0.0, self._free_at - self._now())
 
     def sent(self, size: int, alone: bool, is_full: bool) -> SentMark:
         """Note what was sent; what it returns goes with the acknowledgement.
@@ -128,7 +121,9 @@ class Pace:
             Whether more was waiting to be sent.
         """
         now = self._now()
-        self._budget -= size
+        if self.limit:
+            # A tenth of a second may be saved up.
+            self._free_at = max(self._free_at, now - 0.1) + size / self.limit
         if alone:
             self._delivered_at = self._first_sent_at = now
         is_unqueued = alone or (self._drains(now) and now > self._drained_at + self.trip)

@@ -64,8 +64,7 @@ class Line:
         return self.items
 
     def _send(self):
-        while (found := self.feed.next_piece()) is not None and found[1] == 0:
-            piece = found[0]
+        while (piece := self.feed.next_piece()) is not None:
             self.pieces.append((self.time, piece))
             self._free = max(self._free, self.time) + (len(piece.data) + 40) / self.rate
             if self.up and self._chance.random() >= self.loss:
