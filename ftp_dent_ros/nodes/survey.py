@@ -62,7 +62,6 @@ class Survey(PayloadNode[SurveySettings]):
         """Begin a skin, of which nothing is known yet."""
         self._joining = Joining(partial(self.diagnostics.refuse, 'pair not used in full'))
         self._left_out: set[int] = set()
-        self._without_ties = 0
 
     def _work(self, item: Matched) -> None:
         """Join one cloud, in the worker's thread."""
@@ -88,13 +87,12 @@ class Survey(PayloadNode[SurveySettings]):
         if item.skin is None and self._matching.expects('skin'):
             self.diagnostics.refuse('no skin', 'a cloud came without the image of its skin')
         cloud = item.with_skin(self.diagnostics)
-        links = len(joining.graph.links)
         pose = joining.add(stamp_ns, cloud, cloud.skin, stated, covariance)
         now_known = joining.newest_covariance()
         self._pose.publish(covariant_pose_message(pose, now_known, stamp_ns, frame))
         stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
         self._drawing.put((stamps, poses, tuple(joining.footprints)))
-        self._tell_pairs(links)
+        self._tell_pairs()
 
     def _draw(self, state: State) -> None:
         """Publish the path and the coverage of a state, in the drawing's thread."""
@@ -119,10 +117,9 @@ class Survey(PayloadNode[SurveySettings]):
         self.diagnostics.note({'measured (m2)': f'{seen.area:.3f}', 'gaps': len(seen.gaps)})
         self._coverage.publish(coverage_to_markers(seen, stamps[-1], frame))
 
-    def _tell_pairs(self, links: int) -> None:
-        """Tell what became of the pairs: those that were there already, and those from `links`."""
+    def _tell_pairs(self) -> None:
+        """Tell what became of the pairs."""
         graph = self._joining.graph
-        self._without_ties += sum(link.relative.rank == 0 for link in graph.links[links:])
         contradicting = self._joining.contradicting()
         for index in contradicting.keys() - self._left_out:
             self.diagnostics.refuse('contradicting pair', contradicting[index])
@@ -133,7 +130,7 @@ class Survey(PayloadNode[SurveySettings]):
                 'clouds without skin': self._joining.without_skin,
                 'pairs': len(graph.links),
                 'pairs left out': len(contradicting),
-                'pairs without ties': self._without_ties,
+                'pairs without ties': sum(link.relative.rank == 0 for link in graph.links),
             }
         )
 
