@@ -75,10 +75,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.address is None:
         raise ConfigurationError("the drone's address is missing: give HOST or HOST:PORT")
     endpoints(arguments.address, Security(arguments.keys, arguments.open), 'ground')
-    alone = importlib.util.find_spec('rclpy') is None
-    if alone and arguments.web:
+    if importlib.util.find_spec('rclpy') is not None:
+        return _run_node(arguments)
+    if arguments.web:
         return _run_page(arguments)
-    return _run_node(arguments)
+    raise ConfigurationError(
+        'needs rclpy, which is not here: see "Install" in the README, or watch without ROS '
+        'with --web'
+    )
 
 
 def _run_page(arguments: argparse.Namespace) -> int:
@@ -115,22 +119,18 @@ def _make_keys(folder: Path) -> int:
 
 
 def _run_node(arguments: argparse.Namespace) -> int:
-    if importlib.util.find_spec('rclpy') is None:
-        raise ConfigurationError(
-            'needs rclpy, which is not here: see "Install" in the README, or watch without ROS '
-            'with --web'
-        )
     if arguments.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(arguments.domain)
+    given = {
+        'address': arguments.address,
+        'keys': str(arguments.keys.resolve()) if arguments.keys else '',
+        'open': arguments.open,
+        'name': arguments.name,
+        'station': arguments.station,
+        'web': arguments.web,
+    }
     words = ['--ros-args']
-    for name, value in (
-        ('address', arguments.address),
-        ('keys', str(arguments.keys.resolve()) if arguments.keys else ''),
-        ('open', arguments.open),
-        ('name', arguments.name),
-        ('station', arguments.station),
-        ('web', arguments.web),
-    ):
+    for name, value in given.items():
         words += ['-p', f'{name}:={json.dumps(value)}']
     program = Program(
         'ground_station', (sys.executable, '-m', 'ftp_dent_ros.nodes.ground_station', *words)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import closing
 
 import numpy as np
 
@@ -63,21 +64,13 @@ ARGUMENTS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Listen, say what was heard, and judge: 0 go, 1 no go."""
-    settings = VehicleSettings(
-        system_id=arguments.system_id,
-        component_id=arguments.component_id,
-        rate=arguments.rate,
-        position_source=arguments.position_source,
-        maximum_clock_error=arguments.maximum_clock_error,
-    )
+    names = 'system_id', 'component_id', 'rate', 'position_source', 'maximum_clock_error'
+    settings = VehicleSettings(**{name: getattr(arguments, name) for name in names})
     key = read_key(arguments.signing_key) if arguments.signing_key else b''
-    link = Link(arguments.address, arguments.baud, settings, signing_key=key)
-    try:
+    with closing(Link(arguments.address, arguments.baud, settings, signing_key=key)) as link:
         print(f'listening on {arguments.address} for up to {arguments.seconds:g} s', flush=True)
         state, tag = _watch(link, arguments.seconds)
         speakers = link.speakers()
-    finally:
-        link.close()
     print('\n'.join(_who(state, speakers)))
     if state.identity is not None:
         lines = [f'  {name:44}{value}' for name, value in state.figures.items()]

@@ -8,10 +8,12 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from ftp_dent_ros.ground.link import GroundLink
+from ftp_dent_ros.ground.protocol import remember
 from ftp_dent_ros.supervision.processes import Processes, Program
 
 COMMANDS = {
@@ -46,22 +48,14 @@ class Executive:
     """
 
     def __init__(self, does: Mapping[str, Callable[[], Answer]]) -> None:
-        self.refused = 0
         self._does = does
         self._answers: dict[str, Answer] = {}
         self._thread = ThreadPoolExecutor(1, 'commands')
 
     def reply(self, request: bytes) -> bytes:
         """Answer to a request, whatever it holds."""
-        try:
-            if len(request) > 4096:
-                raise ValueError
-            given = json.loads(request)
-            name, key = given['command'], given['id']
-            if name not in COMMANDS or not isinstance(key, str) or len(key) != 32:
-                raise ValueError
-        except (ValueError, KeyError, TypeError, RecursionError):
-            self.refused += 1
+        name, _, key = request[:100].decode(errors='replace').partition(' ')
+        if name not in COMMANDS or len(key) != 32:
             return Answer(False, 'this is no command: it is refused').pack()
         if name not in self._does:
             return Answer(False, f'this payload cannot {COMMANDS[name]}').pack()
@@ -69,26 +63,22 @@ class Executive:
 
     def _do(self, name: str, key: str) -> Answer:
         if key not in self._answers:
-            self._answers[key] = self._does[name]()
-            if len(self._answers) > 64:  # who asks again is given the same answer
-                del self._answers[next(iter(self._answers))]
+            remember(self._answers, key, self._does[name](), 64)
         return self._answers[key]
 
 
 def give_command(link: GroundLink, name: str, patience: float = 20.0) -> Answer:
     """On the ground: give a command, again if need be, and say what became of it."""
-    request = json.dumps({'command': name, 'id': secrets.token_hex(16)}).encode()
+    request = f'{name} {secrets.token_hex(16)}'.encode()
     end = time.monotonic() + patience
     while (left := end - time.monotonic()) > 0:
         reply = link.ask(CHANNEL, request, min(left, 4.0))
-        if reply is None:
-            time.sleep(min(0.2, max(0.0, end - time.monotonic())))
-            continue
-        try:
-            given = json.loads(reply)
-            return Answer(bool(given['success']), str(given['message']))
-        except (ValueError, KeyError, TypeError, RecursionError):
-            break
+        if reply is not None:
+            # Whoever is in the link may have answered anything.
+            with suppress(ValueError, KeyError, TypeError, RecursionError):
+                given = json.loads(reply)
+                return Answer(bool(given['success']), str(given['message']))
+        time.sleep(min(0.2, left))
     return Answer(
         False,
         f'no answer from the drone within {patience:g} s: whether it did {COMMANDS[name]} is not '

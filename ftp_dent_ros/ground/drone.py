@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import heapq
-import os
+import itertools
 import re
 import secrets
 import tempfile
@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground.commands import CHANNEL, Executive
@@ -27,54 +28,60 @@ from ftp_dent_ros.ground.protocol import (
     WINDOW,
     Importance,
     Item,
-    Name,
     Piece,
     Report,
     deflate,
-    wrap,
 )
+from ftp_dent_ros.ground.topics import TOPICS
 
 _CROWD = 1000  # items in line before those that are gone are swept out
 _POLL = 0.1  # seconds
+_FILE = re.compile(r'([0-5])_(-?\d+)_(\d{1,19})\.item')
 
 
 @dataclass(eq=False)
 class StoredItem:
-    """An item that is kept.
+    """An item that is kept, in memory or on disk.
 
     Attributes
     ----------
-    name : Name
+    name : int
     importance : Importance
     stamp_ns : int
-    topic : str
-        '' for one that was found on disk.
     size : int
         Bytes.
+    topic : str
+        '' for one that was found on disk.
     data : bytes or None
         The packed item; None if it is on disk, or gone.
+    path : Path or None
+        Its file.
     latest : bool
+        Whether it is the newest of a latched topic.
+    order : int
+        Its place in line among those of its importance.
     owed : set of bytes
         Grounds that it is promised to and that have not got it.
     begun, gone : bool
         Whether some of it has been sent, and whether it is kept no longer.
     """
 
-    name: Name
+    name: int
     importance: Importance
     stamp_ns: int
-    topic: str
     size: int
+    topic: str = ''
     data: bytes | None = None
+    path: Path | None = None
     latest: bool = False
+    order: int = 0
     owed: set[bytes] = field(default_factory=set)
     begun: bool = False
     gone: bool = False
 
-    @property
-    def is_replaced(self) -> bool:
-        """Whether the next one of its topic takes its place."""
-        return self.latest or self.importance in REPLACED
+    def __post_init__(self) -> None:
+        """Of what is replaced topics take turns, or those with the newest stamps would be all."""
+        self.order = self.name if self.importance in REPLACED else -self.stamp_ns
 
 
 class Store:
@@ -88,8 +95,6 @@ class Store:
         Made if it is not there; None keeps all in memory.
     limit : int
         Bytes of all items.
-    boot : int
-        Of this program's start.
 
     Attributes
     ----------
@@ -104,13 +109,14 @@ class Store:
         The folder cannot be written.
     """
 
-    def __init__(self, folder: Path | None, limit: int, boot: int) -> None:
+    def __init__(self, folder: Path | None, limit: int) -> None:
         self.dropped = self.unwritten = self.size = 0
-        self.boot = boot
-        self._folder = folder
-        self._limit = limit
-        self._number = 0
-        self._kept: dict[Name, StoredItem] = {}
+        self._folder, self._limit = folder, limit
+        # From where no other start began to count.
+        self._names = itertools.count(secrets.randbits(62))
+        self._kept: dict[int, StoredItem] = {}
+        # By topic, of those whose next takes their place.
+        self._newest: dict[str, StoredItem] = {}
         self._lock = threading.RLock()
         if folder is None:
             return
@@ -123,7 +129,12 @@ class Store:
                 f'{folder}: cannot keep items there ({reason.strerror}): choose another folder'
             ) from None
         for path in sorted(folder.iterdir()):
-            self._find(path)
+            match, size = _FILE.fullmatch(path.name), path.stat().st_size
+            if match and size <= LARGEST_ITEM:
+                importance, stamp_ns, name = map(int, match.groups())
+                kept = StoredItem(name, Importance(importance), stamp_ns, size, path=path)
+                self._kept[name] = kept
+                self.size += size
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -134,22 +145,17 @@ class Store:
 
     def put(self, item: Item) -> StoredItem:
         """Keep an item, and drop what it takes the place of."""
-        data = item.pack()
+        data, name = item.pack(), next(self._names)
+        kept = StoredItem(
+            name, item.importance, item.stamp_ns, len(data), item.topic, data, None, item.latest
+        )
         with self._lock:
-            self._number += 1
-            name = Name(self.boot, self._number)
-            kept = StoredItem(
-                name, item.importance, item.stamp_ns, item.topic, len(data), data, item.latest
-            )
-            if kept.is_replaced:
-                for other in self:
-                    if other.topic == item.topic and not other.begun:
-                        self.remove(other)
+            if item.latest or item.importance in REPLACED:
+                self._replace(kept)
+            elif self._folder is not None:
+                self._write(kept, data)
             self._kept[name] = kept
             self.size += kept.size
-        if self._folder is not None and not kept.is_replaced:
-            self._write(kept, data)
-        with self._lock:
             while self.size > self._limit and len(self._kept) > 1:
                 # The least important, of these the oldest.
                 self.remove(max(self._kept.values(), key=lambda k: (k.importance, -k.stamp_ns)))
@@ -158,67 +164,55 @@ class Store:
 
     def read(self, kept: StoredItem) -> bytes | None:
         """Bytes of an item, or None if it is no longer there."""
-        data = kept.data
-        if data is not None or kept.gone:
+        with self._lock:
+            if kept.path is None or kept.gone:
+                return kept.data
+            try:
+                data = kept.path.read_bytes()
+                Item.unpack(data)
+            except (OSError, CodecError):
+                self.remove(kept)
+                self.dropped += 1
+                return None
             return data
-        try:
-            data = self._path(kept).read_bytes()
-            Item.unpack(data)
-        except (OSError, CodecError):
-            self.remove(kept)
-            self.dropped += 1
-            return None
-        return data
 
     def remove(self, kept: StoredItem) -> None:
         """Forget an item that is delivered or of no more use."""
         with self._lock:
             if self._kept.pop(kept.name, None) is None:
                 return
-            kept.gone = True
             self.size -= kept.size
-            is_on_disk, kept.data = kept.data is None, None
-        if is_on_disk:
-            with contextlib.suppress(OSError):
-                self._path(kept).unlink(missing_ok=True)
+            kept.gone, kept.data = True, None
+            if kept.path is not None:
+                with contextlib.suppress(OSError):
+                    kept.path.unlink(missing_ok=True)
 
     def waiting(self, importance: Importance) -> int:
         """How many items of an importance are kept."""
         return sum(kept.importance == importance for kept in self)
 
-    def _path(self, kept: StoredItem) -> Path:
-        assert self._folder is not None
-        stem = f'{int(kept.importance)}_{kept.stamp_ns}_{kept.name.boot:x}_{kept.name.number}'
-        return self._folder / f'{stem}.item'
+    def _replace(self, kept: StoredItem) -> None:
+        """Put an item in the place of its topic's last one, unless that is on its way."""
+        other, self._newest[kept.topic] = self._newest.get(kept.topic), kept
+        if other is None:
+            return
+        other.latest = False
+        if not other.begun:
+            kept.order = min(kept.order, other.order)
+        if not (other.begun and other.owed):
+            self.remove(other)
 
     def _write(self, kept: StoredItem, data: bytes) -> None:
         """Write an item; if the disk is full it stays in memory as long as there is room."""
-        path = self._path(kept)
-        aside = path.with_suffix('.part')
+        assert self._folder is not None
+        path = self._folder / f'{int(kept.importance)}_{kept.stamp_ns}_{kept.name}.item'
         try:
-            aside.write_bytes(data)
-            os.replace(aside, path)
+            path.write_bytes(data)
+            kept.data, kept.path = None, path
         except OSError:
             self.unwritten += 1
             with contextlib.suppress(OSError):
-                aside.unlink(missing_ok=True)
-            return
-        with self._lock:
-            kept.data = None
-            if kept.gone:  # removed meanwhile
                 path.unlink(missing_ok=True)
-
-    def _find(self, path: Path) -> None:
-        """Take up a file of an earlier start; halves and strangers' are left out."""
-        match = re.fullmatch(r'([0-5])_(\d+)_([0-9a-f]+)_(\d+)\.item', path.name)
-        if path.suffix == '.part':
-            path.unlink(missing_ok=True)
-        size = path.stat().st_size if match else 0
-        if match is None or size > LARGEST_ITEM:
-            return
-        name = Name(int(match[3], 16), int(match[4]))
-        self._kept[name] = StoredItem(name, Importance(int(match[1])), int(match[2]), '', size)
-        self.size += size
 
 
 @dataclass
@@ -226,20 +220,17 @@ class _Progress:
     """How far an item is sent: what is still to be sent of its bytes as they cross the air."""
 
     kept: StoredItem
+    whole: bytes
     data: bytes
     gaps: list[tuple[int, int]]
-    whole: bytes
     acknowledged: int = 0
 
 
-@dataclass(frozen=True)
-class _InFlight:
+class _InFlight(NamedTuple):
     sequence: int
     progress: _Progress
     offset: int
-    size: int
     mark: SentMark
-    was_full: bool
 
 
 class Feed:
@@ -250,10 +241,9 @@ class Feed:
     ground : bytes
     instance : int
         Of the ground's program.
-    link : int
-        Names this feed in its pieces.
     store : Store
-    pace : Pace
+    limit : float
+        byte/s that must never be exceeded; 0 for none.
     now : callable
         Monotonic time, seconds.
     """
@@ -262,29 +252,26 @@ class Feed:
         self,
         ground: bytes,
         instance: int,
-        link: int,
         store: Store,
-        pace: Pace,
+        limit: float = 0.0,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.ground, self.instance, self.link = ground, instance, link
+        self.ground, self.instance = ground, instance
+        #: Names this feed in its pieces.
+        self.link = secrets.randbits(32)
         # Starts of the ground's program before this one.
         self.former: deque[int] = deque(maxlen=8)
-        self.pace = pace
-        self.is_forgotten = False
+        self.pace = Pace(limit, now)
         self.lost = self.sent_pieces = 0
-        self._store = store
-        self._now = now
-        self._heard = now()
-        self._sequence = 0
-        self._in_flight: deque[_InFlight] = deque()
-        self._waiting: list[tuple[int, int, Name, StoredItem]] = []
-        self._progress: dict[Name, _Progress] = {}
-        # Of each topic whose items replace each other: its last one's turn, in order of sending.
-        self._turns: dict[str, int] = {}
-        self._last_news = now()
+        self._store, self._now = store, now
+        self._heard = self._last_news = now()
         self._trials = 0
-        # The last item of each topic that the ground has, and its number.
+        self._in_flight: deque[_InFlight] = deque()
+        self._waiting: list[tuple[int, int, int, StoredItem]] = []
+        self._progress: dict[int, _Progress] = {}
+        # When each topic's last item was begun, and how many bytes cross the air of it.
+        self._begun: dict[str, tuple[float, int]] = {}
+        # Name and bytes of the last item of each topic that the ground has.
         self._references: dict[str, tuple[int, bytes]] = {}
 
     @property
@@ -294,59 +281,50 @@ class Feed:
 
     @property
     def _bytes_in_flight(self) -> int:
-        return sum(each.size for each in self._in_flight)
+        return sum(each.mark.size for each in self._in_flight)
 
     def offer(self, kept: StoredItem) -> None:
         """An item is to be sent here."""
         kept.owed.add(self.ground)
-        # One of each waits: topics take turns, or those with the newest stamps would be all.
-        takes_turns = kept.importance in REPLACED
-        order = self._turns.get(kept.topic, 0) if takes_turns else -kept.stamp_ns
-        heapq.heappush(self._waiting, (int(kept.importance), order, kept.name, kept))
+        heapq.heappush(self._waiting, (int(kept.importance), kept.order, kept.name, kept))
         if len(self._waiting) > 2 * len(self._store) + _CROWD:
             # What was replaced meanwhile must not pile up in a long silence.
             self._waiting = [entry for entry in self._waiting if not entry[-1].gone]
             heapq.heapify(self._waiting)
 
-    def next_piece(self) -> tuple[Piece, float] | None:
-        """Piece to send now, or None; with the seconds that its sending has to wait yet.
+    def is_due(self, topic: str) -> bool:
+        """Whether the next of a topic may be sent, for the share of the link that it may take.
 
-        If those are not 0 the piece is only announced, and has to be asked for again.
+        By the rate as it is known now: in the beginning it is known to be far too low.
         """
+        bound = TOPICS.get(topic)
+        if bound is None or not bound.share or topic not in self._begun:
+            return True
+        at, size = self._begun[topic]
+        return self._now() >= at + max(bound.period, size / (bound.share * self.pace.rate))
+
+    def next_piece(self) -> Piece | None:
+        """Piece to send now, if there is one and the link takes it."""
         self._lose_if_old()
-        size = self.pace.piece
-        full = self._bytes_in_flight + size > self.pace.window and self._in_flight
-        if full or len(self._in_flight) >= WINDOW or self.silence > SILENCE:
+        pace, size = self.pace, self.pace.piece
+        is_open = not self._in_flight or self._bytes_in_flight + size <= pace.window
+        if not is_open or len(self._in_flight) >= WINDOW or pace.wait or self.silence > SILENCE:
             return None
         progress = self._choose()
         if progress is None:
             return None
-        kept = progress.kept
         start, end = progress.gaps[0]
         size = min(size, end - start)
-        wait = self.pace.wait(size)
-        piece = Piece(
-            kept.name,
-            self.link,
-            self._sequence + 1,
-            len(progress.data),
-            start,
-            progress.data[start : start + size],
-        )
-        if wait > 0:
-            return piece, wait
-        if start + size < end:
-            progress.gaps[0] = start + size, end
-        else:
-            del progress.gaps[0]
-        self._sequence += 1
-        self.sent_pieces += 1
-        was_full = bool(self._waiting or any(each.gaps for each in self._progress.values()))
+        data, self.sent_pieces = progress.data, self.sent_pieces + 1
+        progress.gaps[:1] = [(start + size, end)] if start + size < end else []
+        waits = (not kept.gone and self.is_due(kept.topic) for *_, kept in self._waiting)
+        is_full = any(each.gaps for each in self._progress.values()) or any(waits)
         if not self._in_flight:
             self._last_news = self._now()
-        mark = self.pace.sent(size, not self._in_flight)
-        self._in_flight.append(_InFlight(self._sequence, progress, start, size, mark, was_full))
-        return piece, 0.0
+        mark = pace.sent(size, not self._in_flight, is_full)
+        self._in_flight.append(_InFlight(self.sent_pieces, progress, start, mark))
+        part = data[start : start + size]
+        return Piece(progress.kept.name, self.link, self.sent_pieces, len(data), start, part)
 
     def take(self, report: Report) -> list[StoredItem]:
         """Learn what has arrived; the items that are whole there now."""
@@ -362,7 +340,7 @@ class Feed:
             age = report.sequence - flight.sequence
             if 0 <= age < WINDOW and report.received >> age & 1:
                 self._last_news, self._trials = now, 0
-                self.pace.acknowledged(flight.size, flight.mark, flight.was_full)
+                self.pace.acknowledged(flight.mark)
                 done += self._arrived(flight)
             elif age >= WINDOW or (age > 0 and now > flight.mark.sent_at + overdue):
                 self._send_again(flight)
@@ -373,18 +351,18 @@ class Feed:
     def _arrived(self, flight: _InFlight) -> list[StoredItem]:
         """Each byte is in a gap, in flight or acknowledged: the last one makes its item whole."""
         progress, kept = flight.progress, flight.progress.kept
-        progress.acknowledged += flight.size
+        progress.acknowledged += flight.mark.size
         if progress.acknowledged < len(progress.data):
             return []
         del self._progress[kept.name]
-        if len(progress.whole) <= LARGEST_REFERENCE and kept.name.boot == self._store.boot:
-            self._references[kept.topic] = kept.name.number, progress.whole
+        if kept.topic and len(progress.whole) <= LARGEST_REFERENCE:
+            self._references[kept.topic] = kept.name, progress.whole
         kept.owed.discard(self.ground)
         return [kept]
 
     def _send_again(self, flight: _InFlight) -> None:
         self.lost += 1
-        flight.progress.gaps.insert(0, (flight.offset, flight.offset + flight.size))
+        flight.progress.gaps.insert(0, (flight.offset, flight.offset + flight.mark.size))
 
     def _lose_if_old(self) -> None:
         """Of the last pieces before a pause no later one tells that they were lost.
@@ -402,24 +380,28 @@ class Feed:
         """Most important item with something to send; one that is begun is finished first."""
         begun = [each for each in self._progress.values() if each.gaps]
         first = min(begun, key=lambda each: each.kept.importance, default=None)
-        while self._waiting:
-            importance, *_, kept = self._waiting[0]
-            if first is not None and first.kept.importance <= importance:
-                return first
-            heapq.heappop(self._waiting)
-            data = None if kept.gone else self._store.read(kept)
-            if data is not None:
-                kept.begun = True
-                if kept.importance in REPLACED:
-                    self._turns[kept.topic] = self._sequence + 1
-                if kept.importance > Importance.PREVIEWS:  # compressed in its own format
-                    sent = wrap(data)
-                else:
-                    sent = deflate(data, *self._references.get(kept.topic, (0, b'')))
-                progress = _Progress(kept, sent, [(0, len(sent))], data)
-                self._progress[kept.name] = progress
-                return progress
+        early = []
+        while self._waiting and (first is None or self._waiting[0][0] < first.kept.importance):
+            entry = heapq.heappop(self._waiting)
+            kept = entry[-1]
+            if not kept.gone and not self.is_due(kept.topic):
+                early.append(entry)
+            elif (data := self._store.read(kept)) is not None:
+                first = self._begin(kept, data)
+        for entry in early:
+            heapq.heappush(self._waiting, entry)
         return first
+
+    def _begin(self, kept: StoredItem, data: bytes) -> _Progress:
+        kept.begun = True
+        if kept.importance > Importance.PREVIEWS:  # compressed in its own format
+            sent = deflate(data, level=0)
+        else:
+            sent = deflate(data, *self._references.get(kept.topic, (0, b'')))
+        self._begun[kept.topic] = self._now(), len(sent)
+        progress = _Progress(kept, data, sent, [(0, len(sent))])
+        self._progress[kept.name] = progress
+        return progress
 
 
 class Drone:
@@ -443,11 +425,9 @@ class Drone:
     ) -> None:
         self.refused = 0
         self._same_name = float('-inf')
-        self._link = link
-        self._limit = limit
-        self._store = Store(folder, room, secrets.randbits(63))
+        self._link, self._limit = link, limit
+        self._store = Store(folder, room)
         self._feeds: dict[bytes, Feed] = {}
-        self._latest: dict[str, StoredItem] = {}
         self._changed = threading.Condition()
         self._stop = False
         self._threads: list[threading.Thread] = []
@@ -458,43 +438,37 @@ class Drone:
         """Send an item to all grounds, now or later; never waits for a link."""
         kept = self._store.put(item)
         with self._changed:
-            if item.latest:
-                before = self._latest.get(item.topic)
-                if before is not None and not before.owed:
-                    self._store.remove(before)
-                self._latest[item.topic] = kept
             self._forget_grounds()
             for feed in self._feeds.values():
                 feed.offer(kept)
             self._changed.notify_all()
 
-    def rate(self) -> float:
-        """byte/s of the slowest link that is heard; 0 if none is."""
-        with self._changed:
-            heard = [feed.pace.rate for feed in self._feeds.values() if feed.silence < SILENCE]
-        return min(heard, default=0.0)
+    def is_due(self, topic: str) -> bool:
+        """Whether a ground that is heard may be sent the next of a topic."""
+        return any(feed.is_due(topic) for feed in self._heard())
 
     def state(self) -> dict[str, str]:
         """What there is to say about the link, by name."""
         with self._changed:
-            feeds = list(self._feeds.values())
-            waiting = {each.name.lower(): self._store.waiting(each) for each in Importance}
-        heard = [feed for feed in feeds if feed.silence < SILENCE]
-        sent = sum(feed.sent_pieces for feed in feeds)
-        lost = sum(feed.lost for feed in feeds)
-        return {
-            'grounds': str(len(heard)),
-            'grounds out of reach': str(len(feeds) - len(heard)),
-            'rate (kbit/s)': f'{8e-3 * min((f.pace.rate for f in heard), default=0.0):.0f}',
-            'round trip (ms)': f'{1e3 * max((f.pace.trip for f in heard), default=0.0):.0f}',
-            'pieces sent': str(sent),
-            'pieces sent again (%)': f'{100 * lost / max(sent, 1):.1f}',
-            **{f'waiting: {name}': str(count) for name, count in waiting.items()},
-            'waiting (MB)': f'{self._store.size / 1e6:.1f}',
-            'dropped for want of room': str(self._store.dropped),
-            'not on disk (it is full)': str(self._store.unwritten),
-            'refused': str(self.refused),
-        }
+            feeds, heard = list(self._feeds.values()), self._heard()
+            sent, lost = (sum(getattr(f, of) for f in feeds) for of in ('sent_pieces', 'lost'))
+            return {
+                'grounds': str(len(heard)),
+                'grounds out of reach': str(len(feeds) - len(heard)),
+                'rate (kbit/s)': f'{8e-3 * min((f.pace.rate for f in heard), default=0.0):.0f}',
+                'round trip (ms)': f'{1e3 * max((f.pace.trip for f in heard), default=0.0):.0f}',
+                'pieces sent': str(sent),
+                'pieces sent again (%)': f'{100 * lost / max(sent, 1):.1f}',
+                **{f'waiting: {e.name.lower()}': str(self._store.waiting(e)) for e in Importance},
+                'waiting (MB)': f'{self._store.size / 1e6:.1f}',
+                'dropped for want of room': str(self._store.dropped),
+                'not on disk (it is full)': str(self._store.unwritten),
+                'refused': str(self.refused),
+            }
+
+    def _heard(self) -> list[Feed]:
+        with self._changed:
+            return [feed for feed in self._feeds.values() if feed.silence < SILENCE]
 
     def trouble(self) -> str:
         """What the user should mend, in a sentence; else nothing."""
@@ -526,35 +500,28 @@ class Drone:
                     # Two that are taken for one would be started anew with every report.
                     self._same_name = time.monotonic()
                     return
-                feed = self._new_feed(report, feed)
-                if feed is None:
+                self._forget_grounds()
+                if feed is None and len(self._feeds) >= 8:
                     self.refused += 1
                     return
+                feed = self._new_feed(report, feed)
             for kept in feed.take(report):
                 # A list is kept for those who come later.
-                if not kept.owed and self._latest.get(kept.topic) is not kept:
+                if not kept.owed and not kept.latest:
                     self._store.remove(kept)
             self._changed.notify_all()
 
-    def _new_feed(self, report: Report, before: Feed | None) -> Feed | None:
+    def _new_feed(self, report: Report, before: Feed | None) -> Feed:
         """Feed of a ground, or of one that was started anew: what it had in part is lost."""
-        self._forget_grounds()
-        if before is None and len(self._feeds) >= 8:
-            return None
-        feed = Feed(
-            report.ground, report.instance, secrets.randbits(32), self._store, Pace(self._limit)
-        )
+        feed = Feed(report.ground, report.instance, self._store, self._limit)
         if before is not None:
             feed.former.extend((*before.former, before.instance))
-            before.is_forgotten = True
-        latest = self._latest.values()
         for kept in self._store:
-            if not kept.owed or report.ground in kept.owed or kept in latest:
+            if not kept.owed or report.ground in kept.owed or kept.latest:
                 feed.offer(kept)
         self._feeds[report.ground] = feed
-        thread = threading.Thread(
-            target=self._send, args=(feed,), name=f'link {len(self._threads)}', daemon=True
-        )
+        name = f'link {len(self._threads)}'
+        thread = threading.Thread(target=self._send, args=(feed,), name=name, daemon=True)
         self._threads.append(thread)
         thread.start()
         return feed
@@ -564,7 +531,6 @@ class Drone:
         for ground, feed in list(self._feeds.items()):
             if feed.silence > 3600:
                 del self._feeds[ground]
-                feed.is_forgotten = True
                 for kept in self._store:
                     kept.owed.discard(ground)
 
@@ -573,14 +539,10 @@ class Drone:
         channel = f'down/{feed.ground.hex()}'
         while True:
             with self._changed:
-                if self._stop or feed.is_forgotten:
+                if self._stop or self._feeds.get(feed.ground) is not feed:
                     return
-                found = feed.next_piece()
-                if found is None:
-                    self._changed.wait(_POLL)
+                piece = feed.next_piece()
+                if piece is None:
+                    self._changed.wait(min(feed.pace.wait or _POLL, _POLL))
                     continue
-            piece, wait = found
-            if wait > 0:
-                time.sleep(min(wait, _POLL))
-                continue
             self._link.send(channel, piece.pack())

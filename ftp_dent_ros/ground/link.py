@@ -12,9 +12,7 @@ from __future__ import annotations
 import datetime
 import ipaddress
 import json
-import os
 import re
-import shutil
 import ssl
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -106,23 +104,15 @@ def make_keys(folder: Path) -> list[Path]:
             serialization.PrivateFormat.PKCS8,
             serialization.NoEncryption(),
         )
-    # All of them are there under the folder's name, of one authority, or none.
-    whole = Path(os.path.abspath(folder))
-    aside = whole.with_name(f'.{whole.name}.{os.getpid()}')
     try:
-        whole.parent.mkdir(parents=True, exist_ok=True)
-        aside.mkdir(mode=0o700)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for file, data in contents.items():
-            descriptor = os.open(aside / file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(descriptor, 'wb') as written:
-                written.write(data)
-        aside.rename(whole)
+            (folder / file).touch(0o600, exist_ok=False)
+            (folder / file).write_bytes(data)
     except OSError as reason:
         raise ConfigurationError(
             f'{folder}: keys cannot be written ({reason.strerror}): choose another folder'
         ) from None
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
     return [folder / file for file in contents]
 
 
@@ -293,17 +283,18 @@ def _configuration(zenoh: Any, role: str, where: list[str], security: Security) 
         'transport/link/rx/max_message_size': 1 << 20,
     }
     if role == 'drone':
-        settings['listen/endpoints'] = where
-        settings['transport/unicast/max_sessions'] = 16
+        settings |= {'listen/endpoints': where, 'transport/unicast/max_sessions': 16}
     else:
-        settings['listen/endpoints'] = []
-        settings['connect/endpoints'] = where
-        settings['connect/exit_on_failure'] = False
-        settings['connect/timeout_ms'] = -1
-        settings['connect/retry'] = {
-            'period_init_ms': 100,
-            'period_max_ms': 500,
-            'period_increase_factor': 1.5,
+        settings |= {
+            'listen/endpoints': [],
+            'connect/endpoints': where,
+            'connect/exit_on_failure': False,
+            'connect/timeout_ms': -1,
+            'connect/retry': {
+                'period_init_ms': 100,
+                'period_max_ms': 500,
+                'period_increase_factor': 1.5,
+            },
         }
     if security.keys is not None:
         side = 'listen' if role == 'drone' else 'connect'

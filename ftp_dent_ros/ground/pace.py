@@ -15,11 +15,23 @@ from typing import NamedTuple
 
 # Seconds that a round trip is taken for until one is known.
 _FIRST_TRIP = 0.2
+# Seconds between two looks at how short a round trip is without a queue.
+_BETWEEN_DRAINS = 15.0
 
 
 class SentMark(NamedTuple):
-    """The state of a delivery's measurement when a piece was sent."""
+    """The state of a delivery's measurement when a piece was sent.
 
+    Attributes
+    ----------
+    size : int
+        Bytes of the piece.
+    is_full : bool
+        Whether more was waiting to be sent; if not, a low rate says nothing.
+    """
+
+    size: int
+    is_full: bool
     sent_at: float
     delivered: int
     delivered_at: float
@@ -45,12 +57,9 @@ class Pace:
         self._unqueued: deque[tuple[float, float]] = deque()
         self._delivered = 0
         self._delivered_at = self._first_sent_at = now()
-        self._growing = True
-        self._best = 0.0
-        self._rounds_without = self._round_end = 0
-        self._drained_at = float('-inf')
-        self._budget = 0.0
-        self._budget_at = now()
+        # The first rate may be far too high for a slow link: what waits there is looked for soon.
+        self._drained_at = now() + 2.0 - _BETWEEN_DRAINS
+        self._free_at = now()
 
     @property
     def rate(self) -> float:
@@ -76,11 +85,9 @@ class Pace:
     @property
     def window(self) -> int:
         """Bytes that may be in flight."""
-        # Over what the link holds in a round trip: to find more, in the beginning to find it fast,
-        # and to see how short a trip is without what waits before it.
-        gain = 2.0 if self._growing else 1.25
-        if self._drains(self._now()):
-            gain = 0.5
+        # Over what the link holds in a round trip, to find more; at times under it, to see how
+        # short a trip is without what waits before it.
+        gain = 0.5 if self._drains(self._now()) else 1.25
         return max(2 * self.piece, round(gain * self.rate * self.trip) + self.piece)
 
     @property
@@ -96,18 +103,12 @@ class Pace:
         # So late a busy computer's news may be.
         return 0.2 + 2 * (self.trip + in_flight / self.rate)
 
-    def wait(self, size: int) -> float:
-        """Seconds until so many bytes may go, for the limit's sake."""
-        if not self.limit:
-            return 0.0
-        now = self._now()
-        # A piece of a tenth of a second may be saved up.
-        most = max(0.1 * self.limit, float(size))
-        self._budget = min(self._budget + (now - self._budget_at) * self.limit, most)
-        self._budget_at = now
-        return max(0.0, (size - self._budget) / self.limit)
+    @property
+    def wait(self) -> float:
+        """Seconds until the next piece may go, for the limit's sake."""
+        return max(0.0, self._free_at - self._now())
 
-    def sent(self, size: int, alone: bool) -> SentMark:
+    def sent(self, size: int, alone: bool, is_full: bool) -> SentMark:
         """Note what was sent; what it returns goes with the acknowledgement.
 
         Parameters
@@ -116,60 +117,44 @@ class Pace:
             Bytes.
         alone : bool
             Whether nothing else was in flight.
+        is_full : bool
+            Whether more was waiting to be sent.
         """
         now = self._now()
-        self._budget -= size
+        if self.limit:
+            # A tenth of a second may be saved up.
+            self._free_at = max(self._free_at, now - 0.1) + size / self.limit
         if alone:
             self._delivered_at = self._first_sent_at = now
         is_unqueued = alone or (self._drains(now) and now > self._drained_at + self.trip)
-        return SentMark(now, self._delivered, self._delivered_at, self._first_sent_at, is_unqueued)
+        before = self._delivered, self._delivered_at, self._first_sent_at
+        return SentMark(size, is_full, now, *before, is_unqueued)
 
-    def acknowledged(self, size: int, mark: SentMark, was_full: bool) -> None:
-        """Note a delivery.
-
-        Parameters
-        ----------
-        size : int
-            Bytes.
-        mark : SentMark
-            What `sent` returned.
-        was_full : bool
-            Whether more was waiting to be sent then; if not, a low rate says nothing.
-        """
+    def acknowledged(self, mark: SentMark) -> None:
+        """Note the delivery of what `sent` returned the mark of."""
         now = self._now()
-        self._delivered += size
+        self._delivered += mark.size
         self._delivered_at, self._first_sent_at = now, mark.sent_at
         trip = max(now - mark.sent_at, 1e-4)
         if mark.is_unqueued:
             self._unqueued.append((now, trip))
         # What had to wait before the link tells its rate, whether more came after it or not.
-        was_full = was_full or trip > 2 * self.longest_trip
+        is_full = mark.is_full or trip > 2 * self.longest_trip
         # Acknowledgements may come in a heap after a stall, but none faster than it was sent.
         took = max(now - mark.delivered_at, mark.sent_at - mark.first_sent_at, 1e-4)
         rate = (self._delivered - mark.delivered) / took
-        if was_full or rate > self.rate:
+        if is_full or rate > self.rate:
             self._rates.append((now, rate))
-        while len(self._unqueued) > 1 and self._unqueued[0][0] < now - 30:
-            self._unqueued.popleft()
-        oldest = now - max(2.0, 10 * self.trip)
-        while len(self._rates) > 1 and self._rates[0][0] < oldest:
-            self._rates.popleft()
+        _forget(self._unqueued, now - 30)
+        _forget(self._rates, now - max(2.0, 10 * self.trip))
         # Only what may yet be the best one is kept.
         while len(self._rates) > 1 and self._rates[-2][1] <= self._rates[-1][1]:
             del self._rates[-2]
-        if mark.delivered >= self._round_end:
-            self._round_end = self._delivered
-            self._judge_growth(was_full)
-        if not self._growing and now > self._drained_at + 15:
+        if now > self._drained_at + _BETWEEN_DRAINS:
             self._drained_at = now
 
-    def _judge_growth(self, was_full: bool) -> None:
-        """Once in a round trip."""
-        if not self._growing or not was_full:
-            return
-        # The beginning is over when three round trips have not found a quarter more.
-        if self.rate > 1.25 * self._best:
-            self._best, self._rounds_without = self.rate, 0
-        else:
-            self._rounds_without += 1
-        self._growing = self._rounds_without < 3
+
+def _forget(values: deque[tuple[float, float]], since: float) -> None:
+    """Drop what was noted before a time, but for the last one."""
+    while len(values) > 1 and values[0][0] < since:
+        values.popleft()

@@ -6,27 +6,39 @@ import json
 import struct
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.errors import CodecError
+from ftp_dent_ros.rig.rig import Lens
 
-VERSION = 3
+Key = TypeVar('Key')
+Value = TypeVar('Value')
 # Bytes: a whole cloud is coded in 0.1 MB, a picture in 0.3.
 LARGEST_ITEM = 32 << 20
+# Names of topics and types are far shorter.
+_LARGEST_HEADER = 4096
 # Bytes of an item that others may differ from: deflate looks back over no more than 32 kB.
 LARGEST_REFERENCE = 40_000
 WINDOW = 64  # pieces that may be in flight: the bits of a report
 #: Without anything from the other end for so long (s) the link counts as lost.
 SILENCE = 3.0
 _HEAD = struct.Struct('<H')
-_END = struct.Struct('<I')
-# The number of the item that one differs from, or one of these.
-_AS_IT_IS, _ALONE = 0, 0xFFFFFFFF
+_CHECKSUM = struct.Struct('<I')
+_NAME = struct.Struct('<Q')
 _RAW = -15  # deflate without a header or checksum: the item has its own
-_PIECE = struct.Struct('<2sBxQIIIII')
-_REPORT = struct.Struct('<2sB16sQIIQ')
+# Of another version of the link they are other ones.
+_PIECE, _PIECE_MARK = struct.Struct('<4sQIIII'), b'FP4 '
+_REPORT, _REPORT_MARK = struct.Struct('<4s16sQIIQ'), b'FR4 '
+
+
+def remember(last: dict[Key, Value], key: Key, value: Value, most: int) -> None:
+    """Note a value, and forget the oldest of more than so many: what comes may be anything."""
+    last[key] = value
+    if len(last) > most:
+        del last[next(iter(last))]
 
 
 class Importance(IntEnum):
@@ -62,8 +74,10 @@ class Item:
     data : bytes
     latest : bool
         Whether it takes the place of the topic's item before (a latched list).
-    extra : dict
-        What else a kind needs; JSON.
+    frame : str
+        Of the message.
+    lens : Lens or None
+        That a picture was taken with.
     """
 
     importance: Importance
@@ -72,21 +86,17 @@ class Item:
     stamp_ns: int
     data: bytes
     latest: bool = False
-    extra: dict[str, Any] = field(default_factory=dict)
+    frame: str = ''
+    lens: Lens | None = None
 
     def pack(self) -> bytes:
         """Header, data, and the CRC-32 of both."""
-        header = {
-            'i': int(self.importance),
-            't': self.topic,
-            'k': self.kind,
-            's': self.stamp_ns,
-            'l': self.latest,
-            'x': self.extra,
-        }
+        lens = RayGrid(self.lens, 1).numbers() if self.lens else ()
+        names = self.topic, self.kind, self.frame
+        header = [self.importance, *names, self.stamp_ns, self.latest, lens]
         text = json.dumps(header, separators=(',', ':')).encode()
         whole = _HEAD.pack(len(text)) + text + self.data
-        return whole + _END.pack(zlib.crc32(whole))
+        return whole + _CHECKSUM.pack(zlib.crc32(whole))
 
     @staticmethod
     def unpack(whole: bytes) -> Item:
@@ -97,37 +107,26 @@ class Item:
         CodecError
             They are damaged or malformed.
         """
-        if len(whole) < _HEAD.size + _END.size:
-            raise CodecError('an item is cut short: ask for it again')
-        if zlib.crc32(whole[: -_END.size]) != _END.unpack(whole[-_END.size :])[0]:
-            raise CodecError("an item's checksum is wrong: ask for it again")
-        (size,) = _HEAD.unpack_from(whole)
+        body, end = whole[: -_CHECKSUM.size], whole[-_CHECKSUM.size :]
+        if end != _CHECKSUM.pack(zlib.crc32(body)):
+            raise CodecError("an item's checksum is wrong: it is refused")
         try:
-            if size > 4096:  # names of topics and types are far shorter
-                raise ValueError
-            header = json.loads(whole[2 : 2 + size])
-            item = Item(
-                Importance(header['i']),
-                header['t'],
-                header['k'],
-                header['s'],
-                whole[2 + size : -_END.size],
-                bool(header['l']),
-                header['x'],
+            (size,) = _HEAD.unpack_from(body)
+            start = _HEAD.size + min(size, _LARGEST_HEADER)
+            header = json.loads(body[_HEAD.size : start])
+            importance, topic, kind, frame, stamp, latest, lens = header
+            return Item(
+                Importance(importance),
+                str(topic),
+                str(kind),
+                int(stamp),
+                body[start:],
+                bool(latest),
+                str(frame),
+                RayGrid.from_numbers(lens).lens if lens else None,
             )
-            texts = isinstance(item.topic, str) and isinstance(item.kind, str)
-            if not (texts and type(item.stamp_ns) is int and isinstance(item.extra, dict)):
-                raise ValueError
-        except (ValueError, KeyError, TypeError, RecursionError):
-            raise CodecError('the header of an item is malformed: ask for it again') from None
-        return item
-
-
-class Name(NamedTuple):
-    """Which item: the drone's start, and the item's number."""
-
-    boot: int
-    number: int
+        except (struct.error, ValueError, TypeError, ArithmeticError, RecursionError):
+            raise CodecError('the header of an item is malformed: it is refused') from None
 
 
 class Piece(NamedTuple):
@@ -135,7 +134,8 @@ class Piece(NamedTuple):
 
     Attributes
     ----------
-    name : Name
+    name : int
+        Of the item: no other has it, of this start of the drone or of another.
     link : int
         Of the drone's memory of this ground; a report must repeat it.
     sequence : int
@@ -145,7 +145,7 @@ class Piece(NamedTuple):
     data : bytes
     """
 
-    name: Name
+    name: int
     link: int
     sequence: int
     total: int
@@ -154,18 +154,19 @@ class Piece(NamedTuple):
 
     def pack(self) -> bytes:
         """Bytes of the piece."""
-        return _PIECE.pack(b'FP', VERSION, *self.name, *self[1:-1]) + self.data
+        return _PIECE.pack(_PIECE_MARK, *self[:-1]) + self.data
 
     @staticmethod
     def unpack(data: bytes) -> Piece:
         """Piece of its bytes; raises `CodecError` if they are none that could be."""
-        boot, number, link, sequence, total, offset = _unpacked(_PIECE, b'FP', data[: _PIECE.size])
         body = data[_PIECE.size :]
+        head = _unpacked(_PIECE, _PIECE_MARK, data[: _PIECE.size])
+        piece = Piece._make((*head, body))
         # A datagram holds no more.
-        whole = 0 < len(body) <= 1 << 16 and total <= LARGEST_ITEM
-        if not whole or offset + len(body) > total:
+        fits = 0 < len(body) <= 1 << 16 and piece.offset + len(body) <= piece.total
+        if not fits or piece.total > LARGEST_ITEM:
             raise CodecError('a piece lies outside its item: it is refused')
-        return Piece(Name(boot, number), link, sequence, total, offset, body)
+        return piece
 
 
 class Report(NamedTuple):
@@ -191,28 +192,22 @@ class Report(NamedTuple):
 
     def pack(self) -> bytes:
         """Bytes of the report."""
-        return _REPORT.pack(b'FR', VERSION, *self)
+        return _REPORT.pack(_REPORT_MARK, *self)
 
     @staticmethod
     def unpack(data: bytes) -> Report:
         """Report of its bytes; raises `CodecError` if they are none."""
-        return Report(*_unpacked(_REPORT, b'FR', data))
+        return Report(*_unpacked(_REPORT, _REPORT_MARK, data))
 
 
-def _unpacked(form: struct.Struct, magic: bytes, data: bytes) -> list[Any]:
-    """Fields of a frame, behind its magic and version."""
-    if len(data) != form.size or not data.startswith(magic):
-        raise CodecError('this is no message of the link: it is refused')
-    _, version, *fields = form.unpack(data)
-    if version != VERSION:
-        raise CodecError(
-            f'the link speaks version {version}, this program {VERSION}: use the same version at '
-            'both ends'
-        )
-    return fields
+def _unpacked(form: struct.Struct, mark: bytes, data: bytes) -> tuple[Any, ...]:
+    """Fields of a frame, behind its mark."""
+    if len(data) != form.size or not data.startswith(mark):
+        raise CodecError('this is no message of the link, or of another version: it is refused')
+    return form.unpack(data)[1:]
 
 
-def deflate(whole: bytes, number: int = 0, reference: bytes = b'') -> bytes:
+def deflate(whole: bytes, name: int = 0, reference: bytes = b'', level: int = 9) -> bytes:
     """Bytes of an item as they cross the air, deflated against one of the same topic before it.
 
     Messages of a topic are alike: what the ground has already need not be sent again.
@@ -221,49 +216,39 @@ def deflate(whole: bytes, number: int = 0, reference: bytes = b'') -> bytes:
     ----------
     whole : bytes
         The item.
-    number : int
+    name : int
         Of the item that the ground has; 0 for none.
     reference : bytes
         That item.
+    level : int
+        Of zlib; 0 for what is compressed in its own format.
     """
-    writer = zlib.compressobj(9, zlib.DEFLATED, _RAW, 9, zdict=reference)
-    short = writer.compress(whole) + writer.flush()
-    if len(short) >= len(whole):
-        return wrap(whole)
-    return _END.pack(number or _ALONE) + short
+    writer = zlib.compressobj(level, zlib.DEFLATED, _RAW, 9, zdict=reference)
+    return _NAME.pack(name) + writer.compress(whole) + writer.flush()
 
 
-def wrap(whole: bytes) -> bytes:
-    """Bytes to send of an item that is compressed in its own format."""
-    return _END.pack(_AS_IT_IS) + whole
-
-
-def inflate(sent: bytes, known: Callable[[int], bytes | None] = lambda number: None) -> bytes:
+def inflate(sent: bytes, known: Callable[[int], bytes | None] = lambda name: None) -> bytes:
     """The item of `deflate`'s bytes.
 
     Parameters
     ----------
     sent : bytes
     known : callable
-        Gives the item of a number that this one may differ from; None if it is not here.
+        Gives the item of a name that this one may differ from; None if it is not here.
 
     Raises
     ------
     CodecError
         The bytes are damaged, claim to be of too large an item, or differ from what is not here.
     """
-    if len(sent) < _END.size:
-        raise CodecError('an item is cut short: it is refused')
-    (number,), short = _END.unpack_from(sent), sent[_END.size :]
-    if number == _AS_IT_IS:
-        return short
-    reference = b'' if number == _ALONE else known(number)
-    if reference is None:
-        raise CodecError('an item differs from one that never came: it is refused')
-    reader = zlib.decompressobj(_RAW, zdict=reference)
     try:
-        whole = reader.decompress(short, LARGEST_ITEM)
-    except zlib.error as reason:
+        (name,) = _NAME.unpack_from(sent)
+        reference = known(name) if name else b''
+        if reference is None:
+            raise CodecError('an item differs from one that never came: it is refused')
+        reader = zlib.decompressobj(_RAW, zdict=reference)
+        whole = reader.decompress(sent[_NAME.size :], LARGEST_ITEM)
+    except (struct.error, zlib.error) as reason:
         raise CodecError(f'an item is damaged ({reason}): it is refused') from None
     if not reader.eof:
         raise CodecError('an item is damaged or too large: it is refused')

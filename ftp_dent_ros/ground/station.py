@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from itertools import chain
 
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground.commands import Answer, give_command
@@ -19,10 +20,10 @@ from ftp_dent_ros.ground.protocol import (
     SILENCE,
     WINDOW,
     Item,
-    Name,
     Piece,
     Report,
     inflate,
+    remember,
 )
 
 # Seconds that the rate is a mean of.
@@ -61,10 +62,12 @@ class Assembly:
     def __init__(self, ground: bytes, instance: int) -> None:
         self.repeated = self.bytes = 0
         self._ground, self._instance = ground, instance
-        self._parts: dict[Name, _Part] = {}
+        self._parts: dict[int, _Part] = {}
         self._held = 0
-        self._done: dict[Name, None] = {}
-        self._known: dict[str, dict[Name, bytes]] = {}
+        self._done: dict[int, None] = {}
+        # The last items of each topic, from which later ones may differ: more than can be in
+        # flight when the drone learns of the one that it has chosen.
+        self._recent: dict[str, deque[tuple[int, bytes]]] = {}
         self._link = self._sequence = self._received = 0
 
     def add(self, piece: Piece) -> Item | None:
@@ -78,18 +81,13 @@ class Assembly:
         """
         self._note(piece)
         self.bytes += len(piece.data)
-        if piece.name in self._done:
+        part = None if piece.name in self._done else self._part(piece)
+        if part is None or not part.take(piece):
             self.repeated += 1
-            return None
-        part = self._part(piece)
-        if not part.take(piece):
-            self.repeated += 1
-        if part.left:
+        if part is None or part.left:
             return None
         self._drop(piece.name)
-        self._done[piece.name] = None
-        if len(self._done) > 100_000:
-            del self._done[next(iter(self._done))]
+        remember(self._done, piece.name, None, 100_000)
         return self._item(piece.name, bytes(part.data))
 
     def report(self) -> Report:
@@ -101,22 +99,13 @@ class Assembly:
         """Items of which some pieces have come."""
         return len(self._parts)
 
-    def _item(self, name: Name, sent: bytes) -> Item:
-        def known(number: int) -> bytes | None:
-            other = Name(name.boot, number)
-            return next((each[other] for each in self._known.values() if other in each), None)
-
-        whole = inflate(sent, known)
+    def _item(self, name: int, sent: bytes) -> Item:
+        whole = inflate(sent, dict(chain.from_iterable(self._recent.values())).get)
         item = Item.unpack(whole)
         if len(whole) <= LARGEST_REFERENCE:
-            # Later ones of the topic may differ from it alone.
-            of_topic = self._known[item.topic] = self._known.pop(item.topic, {})
-            of_topic[name] = whole
-            # More than can be in flight when the drone learns of the one that it has chosen.
-            if len(of_topic) > WINDOW:
-                del of_topic[next(iter(of_topic))]
-            if len(self._known) > 24:
-                del self._known[next(iter(self._known))]
+            recent = self._recent.get(item.topic) or deque(maxlen=WINDOW)
+            recent.append((name, whole))
+            remember(self._recent, item.topic, recent, 24)
         return item
 
     def _note(self, piece: Piece) -> None:
@@ -142,7 +131,7 @@ class Assembly:
             self._held += piece.total
         return part
 
-    def _drop(self, name: Name) -> None:
+    def _drop(self, name: int) -> None:
         self._held -= len(self._parts.pop(name).data)
 
 
@@ -167,7 +156,7 @@ class Station:
         ground = hashlib.sha256((name or socket.gethostname()).encode()).digest()[:16]
         self._assembly = Assembly(ground, secrets.randbits(31))
         self._lock = threading.Lock()
-        self._came: deque[tuple[float, int]] = deque()
+        self._came: deque[tuple[float, int]] = deque(maxlen=50_000)
         self._heard = float('-inf')
         self._stop = threading.Event()
         self._due = threading.Event()
@@ -182,11 +171,9 @@ class Station:
 
     def rate(self) -> float:
         """byte/s that came in the last ten seconds."""
+        since = time.monotonic() - _WINDOW
         with self._lock:
-            now = time.monotonic()
-            while self._came and self._came[0][0] < now - _WINDOW:
-                self._came.popleft()
-            return sum(size for _, size in self._came) / _WINDOW
+            return sum(size for at, size in self._came if at >= since) / _WINDOW
 
     def summary(self) -> tuple[int, str]:
         """Level of the link (0 works, 1 warns) and a sentence."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from ftp_dent_ros.ground.protocol import Importance, Item
+from ftp_dent_ros.rig.rig import Lens
 
 _POINTS = 'sensor_msgs/msg/PointCloud2'
 _POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
@@ -35,7 +35,7 @@ class Topic:
         Of the link's rate, what these take up at most: one that comes too early waits, and gives
         way to the next; 0 for no bound.
     period : float
-        Seconds between two that are sent, however fast the link is.
+        Seconds between two that are sent, however fast the link is, of those with a share.
     stamped : bool
         Whether the message begins with a header.
     coded : str
@@ -56,10 +56,10 @@ class Topic:
         """What its items say of their data."""
         return self.coded or f'cdr:{self.type}'
 
-    def item(self, stamp_ns: int, data: bytes, **extra: Any) -> Item:
+    def item(self, stamp_ns: int, data: bytes, frame: str = '', lens: Lens | None = None) -> Item:
         """An item of this topic."""
         return Item(
-            self.importance, self.name, self.kind, stamp_ns, data, self.latest, extra=extra
+            self.importance, self.name, self.kind, stamp_ns, data, self.latest, frame, lens
         )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,7 @@ from ftp_dent_ros.capture.source import (
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import CameraCaptureSettings
-from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     image_from_message,
@@ -99,22 +99,20 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        response.message = 'there are no more images: set files.loop, or start again'
         demand = self._thread.submit(self._shoot)
         if not wait([demand], _DEMAND_TIMEOUT).done:
             demand.cancel()
             response.message = f'no photograph within {_DEMAND_TIMEOUT:g} s'
-            return response
-        with self.diagnostics.guarded('no photograph'):
-            try:
-                frame = demand.result()
-            except Exception as error:
-                response.message = str(error)
-                raise
-            if frame is not None:
-                response.success = True
-                seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
-                response.message = f'photograph taken at {seconds}.{nanoseconds:09d}'
+        elif (error := demand.exception()) is not None:
+            response.message = str(error)
+            with self.diagnostics.guarded('no photograph'):
+                raise error
+        elif (frame := demand.result()) is None:
+            response.message = 'there are no more images: set files.loop, or start again'
+        else:
+            seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
+            response.success = True
+            response.message = f'photograph taken at {seconds}.{nanoseconds:09d}'
         return response
 
     def _shoot(self) -> Frame | None:
@@ -163,22 +161,22 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
             camera_info_message(lens, (width, height), frame.stamp_ns, self.given.frame_id)
         )
         self.diagnostics.count('images')
-        self.diagnostics.notes({'size': f'{width}x{height}', 'pixels': photograph.encoding})
-        self.diagnostics.measure('latency', (self.now_ns() - frame.stamp_ns) / 1e9)
+        self.diagnostics.note({'size': f'{width}x{height}', 'pixels': photograph.encoding})
+        self.diagnostics.count('latency', (self.now_ns() - frame.stamp_ns) / 1e9)
 
-    def _judge(self) -> tuple[bytes, str]:
-        missed = self._source.missed - self._missed_before
-        self._missed_before = self._source.missed
-        self.diagnostics.notes(self._source.notes())
-        if self._source.finished:
-            return OK, 'all images have been published'
-        if not self.settings['continuous'] or self.given.rate == 0:
-            return OK, 'waiting for a call of ~/capture'
-        if missed:
-            return WARN, f'cannot keep up with {self.given.rate:g} images a second: lower the rate'
-        if not self._source.runs_by_itself and not self._is_heard():
-            return OK, 'idle: nobody subscribes to the images'
-        return OK, 'working'
+    def _judge(self) -> Sequence[Verdict]:
+        source, rate = self._source, self.given.rate
+        missed, self._missed_before = source.missed - self._missed_before, source.missed
+        self.diagnostics.note(source.notes())
+        on_demand = not self.settings['continuous'] or rate == 0
+        is_idle = not source.runs_by_itself and not self._is_heard()
+        late = f'cannot keep up with {rate:g} images a second: lower the rate'
+        return (
+            (source.finished, OK, 'all images have been published'),
+            (on_demand, OK, 'waiting for a call of ~/capture'),
+            (missed, WARN, late),
+            (is_idle, OK, 'idle: nobody subscribes to the images'),
+        )
 
 
 def make_source(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Source:

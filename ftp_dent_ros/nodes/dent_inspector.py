@@ -42,7 +42,7 @@ from ftp_dent_ros.nodes.settings import TAGGED, DentInspectorSettings
 from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
-from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import DENTS, LATCHED
@@ -99,11 +99,11 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
             self._dents.publish(dents_to_message(alone.entries, stamp_ns, frame_id))
         if item.surveyed is not None:
             self.diagnostics.count('placed by the survey')
-        self.diagnostics.notes({'dents': len(found.dents), 'others': len(found.others)})
+        self.diagnostics.note({'dents': len(found.dents), 'others': len(found.others)})
         known = found.findable[np.isfinite(found.findable)]
         if len(known):
             findable = f'{1e3 * np.percentile(known, 95):.2f}'
-            self.diagnostics.note('findable on 95 % of the area from (mm)', findable)
+            self.diagnostics.note({'findable on 95 % of the area from (mm)': findable})
 
     def _take_list(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._worker.settle(_PATIENCE)
@@ -117,14 +117,14 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
             )
         return response
 
-    def _judge(self) -> tuple[bytes, str]:
-        self.diagnostics.note('clouds waiting', len(self._worker))
-        if not self._wanted:
-            return OK, 'idle: nobody subscribes to dents'
-        if not self.diagnostics.recent('clouds'):
-            return OK, 'waiting for clouds'
+    def _judge(self) -> Sequence[Verdict]:
+        self.diagnostics.note({'clouds waiting': len(self._worker)})
         on_glass = self._listing.on_glass
-        return (WARN, on_glass) if on_glass else (OK, 'working')
+        return (
+            (not self._wanted, OK, 'idle: nobody subscribes to dents'),
+            (not self.diagnostics.recent('clouds'), OK, 'waiting for clouds'),
+            (on_glass, WARN, on_glass),
+        )
 
 
 class DentListing:
@@ -178,10 +178,9 @@ class DentListing:
             with self._kept_on_disk():
                 self._kept.add(frame_id, stamp_ns, dents, pose, covariance)
             # Meanwhile it may have been found to lie elsewhere.
-            newer = self._poses.get(stamp_ns)
-            if newer is not None:
+            if stamp_ns in self._poses:
                 with self._kept_on_disk():
-                    self._kept.correct(frame_id, {stamp_ns: newer})
+                    self._kept.correct(frame_id, {stamp_ns: self._poses[stamp_ns]})
         self._drawing.put(self._kept)
 
     def correct(self, path: Path) -> None:
@@ -213,12 +212,10 @@ class DentListing:
             poses = {
                 stamp_to_ns(each.header.stamp): pose_from_message(each.pose) for each in path.poses
             }
-            has_changed = True
             with self._kept_on_disk():
-                has_changed = self._kept.correct(path.header.frame_id, poses)
+                if self._kept.correct(path.header.frame_id, poses):
+                    self._diagnostics.count('corrections of the list')
             self._poses = poses
-            if has_changed:
-                self._diagnostics.count('corrections of the list')
 
     @contextmanager
     def _kept_on_disk(self) -> Iterator[None]:
@@ -239,7 +236,7 @@ class DentListing:
         self._markers.publish(dents_to_markers(entries, stamp_ns, frame_id))
         count = sum(entry.dent.kind == 'dent' for entry in entries)
         self.on_glass = sentence(dents.glass)
-        self._diagnostics.notes({'dents in the list': count, 'marks on a glass': len(dents.glass)})
+        self._diagnostics.note({'dents in the list': count, 'marks on a glass': len(dents.glass)})
 
 
 #: Run the node as a process.

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import struct
 import sys
-import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
@@ -31,11 +29,11 @@ from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import GroundLink
-from ftp_dent_ros.ground.protocol import LARGEST_REFERENCE, Item, deflate
+from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import DownlinkSettings
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     image_from_message,
@@ -44,49 +42,6 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
-
-
-class Thrift:
-    """Items of topics that have a share of the link, each in the place of the one before.
-
-    Parameters
-    ----------
-    put : callable
-        Takes each item.
-    rate : callable
-        byte/s that the link carries; 0 if that is not known.
-    """
-
-    def __init__(self, put: Callable[[Item], None], rate: Callable[[], float]) -> None:
-        self._put, self._rate = put, rate
-        self._lock = threading.Lock()
-        self._waiting: dict[str, Item] = {}
-        # Of each topic: when its last was sent, how much crosses the air of it, and what it was.
-        self._sent: dict[str, tuple[float, int, bytes]] = {}
-
-    def is_due(self, name: str) -> bool:
-        """Whether the next of a topic may be sent, by the rate as it is known now."""
-        at, size, _ = self._sent.get(name, (float('-inf'), 0, b''))
-        # In the beginning it is known to be far too low.
-        rate, topic = self._rate(), topics.TOPICS[name]
-        pause = size / (topic.share * rate) if rate else 0.0
-        return time.monotonic() >= at + max(topic.period, pause)
-
-    def put(self, item: Item) -> None:
-        """Send an item, or keep it until its topic's next is due."""
-        self._waiting[item.topic] = item
-        self.flush()
-
-    def flush(self) -> None:
-        """Send what is due; from any thread."""
-        with self._lock:
-            for name in filter(self.is_due, list(self._waiting)):
-                item = self._waiting.pop(name)
-                *_, last = self._sent.get(name, (b'',))
-                reference = last if len(last) <= LARGEST_REFERENCE else b''
-                size = len(deflate(item.data, 1, reference))
-                self._sent[name] = time.monotonic(), size, item.data
-                self._put(item)
 
 
 def _jpeg(bgr: Any, quality: int) -> bytes:
@@ -106,13 +61,16 @@ class Downlink(PayloadNode[DownlinkSettings]):
         self._lens: Lens | None = None
         self._recordings = Recordings(Path(given.recordings).expanduser(), self.get_logger().info)
         self.ending.callback(self._recordings.close)
+
+        def call(service: str) -> Callable[[], Answer]:
+            return partial(self._call, self.create_client(Trigger, service))
+
         does = {
+            'capture': call('camera_capture/capture'),
+            'take_list': call('dent_inspector/take_list'),
             'start_recording': self._recordings.start,
             'stop_recording': self._recordings.stop,
         }
-        for service in ('camera_capture/capture', 'dent_inspector/take_list'):
-            client = self.create_client(Trigger, service)
-            does[service.rpartition('/')[2]] = partial(self._call, client)
         self.diagnostics.hardware_id = given.address
         self._drone = Drone(
             GroundLink('drone', given.address, given.security, given.name),
@@ -125,11 +83,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
         if not given.keys:
             self.get_logger().warning(f'{given.address}: no keys: whoever reaches it may command')
         # Some seconds of a busy machine.
-        self._worker = self.worker(
-            lambda code: code(), 'a message could not be coded', finish=True, room=8
-        )
-        self._thrift = Thrift(self._send, self._drone.rate)
-        self.create_timer(1.0, self._thrift.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        coding = self.worker(self._send_coded, 'a message could not be coded', finish=True, room=8)
         for topic in topics.TOPICS.values():
             if not topic.coded and topic.name != topics.DIAGNOSTICS:
                 forward, qos = partial(self._forward, topic), LATCHED if topic.latest else POSES
@@ -143,13 +97,9 @@ class Downlink(PayloadNode[DownlinkSettings]):
             'camera_info could not be read',
             'wrong camera_info',
         )
-        coded: list[tuple[Any, str, Callable[[Any], None]]] = [
-            (PointCloud2, topics.POINTS, self._send_cloud)
-        ]
+        self.hear(PointCloud2, topics.POINTS, coding.put, CLOUDS)
         if given.pictures:
-            coded.append((Image, topics.IMAGE, self._send_picture))
-        for kind, name, send in coded:
-            self.hear(kind, name, partial(self._put_off, send), CLOUDS)
+            self.hear(Image, topics.IMAGE, coding.put, CLOUDS)
 
     def _forward(self, topic: topics.Topic, data: bytes) -> None:
         """Send a serialised message as it is."""
@@ -158,26 +108,26 @@ class Downlink(PayloadNode[DownlinkSettings]):
             # It begins with a header: CDR, after its four bytes.
             seconds, nanoseconds = struct.unpack_from('<iI', data, 4)
             stamp = seconds * 1_000_000_000 + nanoseconds
-        send = self._thrift.put if topic.share else self._send
-        send(topic.item(stamp, data))
+        self._send(topic.item(stamp, data))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if len(self._statuses) < 100:
                 self._statuses[status.name] = status
-        if self._thrift.is_due(topics.DIAGNOSTICS):
+        if self._drone.is_due(topics.DIAGNOSTICS):
             array = DiagnosticArray(status=list(self._statuses.values()))
             array.header.stamp = self.get_clock().now().to_msg()
             topic = topics.TOPICS[topics.DIAGNOSTICS]
-            self._thrift.put(topic.item(self.now_ns(), serialize_message(array)))
+            self._send(topic.item(self.now_ns(), serialize_message(array)))
 
     def _learn(self, message: CameraInfo) -> None:
         """The lens that clouds and pictures are of."""
         self._lens = lens_from_message(message)
 
-    def _put_off(self, send: Callable[[Any], None], message: Any) -> None:
-        """Have a cloud or picture coded and sent in the worker's thread."""
-        self._worker.put(partial(send, message))
+    def _send_coded(self, message: Any) -> None:
+        """Code and send a cloud or a picture, in the worker's thread."""
+        send = self._send_cloud if isinstance(message, PointCloud2) else self._send_picture
+        send(message)
 
     def _send_cloud(self, message: PointCloud2) -> None:
         """A cloud, and a small one before it if it is time for one."""
@@ -185,30 +135,29 @@ class Downlink(PayloadNode[DownlinkSettings]):
         stamp, frame = stamp_to_ns(message.header.stamp), message.header.frame_id
         rows, columns = cloud.intensity.shape
         view = RayGrid.of(self._lens, rows, columns) if self._lens is not None else None
-        if self._thrift.is_due(topics.PREVIEW_POINTS):
+        if self._drone.is_due(topics.PREVIEW_POINTS):
             few, few_view = thinned(cloud, view, self.given.preview_columns)
             data = encode(Cloud(few.points, few.intensity), few_view, 4.0)  # 1.3 um at 0.8 m
-            self._thrift.put(topics.TOPICS[topics.PREVIEW_POINTS].item(stamp, data, frame=frame))
+            self._send(topics.TOPICS[topics.PREVIEW_POINTS].item(stamp, data, frame))
         started = time.thread_time()
         data = encode(cloud, view)
-        self.diagnostics.measure('coding', time.thread_time() - started)
+        self.diagnostics.count('coding', time.thread_time() - started)
         self.diagnostics.count('clouds')
-        self.diagnostics.note('bytes of a cloud', len(data))
-        self._send(topics.TOPICS[topics.POINTS].item(stamp, data, frame=frame))
+        self.diagnostics.note({'bytes of a cloud': len(data)})
+        self._send(topics.TOPICS[topics.POINTS].item(stamp, data, frame))
 
     def _send_picture(self, message: Image) -> None:
         """A picture, and a small one before it if it is time for one."""
         bgr = cv2.cvtColor(image_from_message(message), cv2.COLOR_RGB2BGR)
         stamp, frame = stamp_to_ns(message.header.stamp), message.header.frame_id
-        if self._thrift.is_due(topics.PREVIEW_IMAGE):
+        if self._drone.is_due(topics.PREVIEW_IMAGE):
             height = round(bgr.shape[0] * 240 / bgr.shape[1])
             small = _jpeg(cv2.resize(bgr, (240, height), interpolation=cv2.INTER_AREA), 50)
-            self._thrift.put(topics.TOPICS[topics.PREVIEW_IMAGE].item(stamp, small, frame=frame))
+            self._send(topics.TOPICS[topics.PREVIEW_IMAGE].item(stamp, small, frame))
         data = _jpeg(bgr, self.given.jpeg_quality)
         self.diagnostics.count('pictures')
-        self.diagnostics.note('bytes of a picture', len(data))
-        lens = {} if self._lens is None else {'lens': RayGrid(self._lens, 1).numbers()}
-        self._send(topics.TOPICS[topics.IMAGE].item(stamp, data, frame=frame, **lens))
+        self.diagnostics.note({'bytes of a picture': len(data)})
+        self._send(topics.TOPICS[topics.IMAGE].item(stamp, data, frame, self._lens))
 
     def _send(self, item: Item) -> None:
         self.diagnostics.count('items')
@@ -223,14 +172,15 @@ class Downlink(PayloadNode[DownlinkSettings]):
             return Answer(False, f'{client.srv_name} has not answered within 15 s')
         return Answer(bool(response.success), str(response.message))
 
-    def _judge(self) -> tuple[bytes, str]:
-        state = self._drone.state()
-        self.diagnostics.notes({**state, 'recording': self._recordings.state})
-        if trouble := self._drone.trouble():
-            return WARN, trouble
-        if state['grounds'] == '0':
-            return WARN, f'no ground is heard: {state["waiting (MB)"]} MB are kept'
-        return OK, f'{state["rate (kbit/s)"]} kbit/s'
+    def _judge(self) -> Sequence[Verdict]:
+        state, trouble = self._drone.state(), self._drone.trouble()
+        self.diagnostics.note({**state, 'recording': self._recordings.state})
+        unheard = f'no ground is heard: {state["waiting (MB)"]} MB are kept'
+        return (
+            (trouble, WARN, trouble),
+            (state['grounds'] == '0', WARN, unheard),
+            (True, OK, f'{state["rate (kbit/s)"]} kbit/s'),
+        )
 
 
 #: Run the node as a process.

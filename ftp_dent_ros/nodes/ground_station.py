@@ -8,6 +8,8 @@ from __future__ import annotations
 import queue
 import sys
 import threading
+import time
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -20,18 +22,18 @@ from sensor_msgs.msg import CompressedImage
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
+from ftp_dent_ros.coding.cloud_codec import decode
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.page import serve_page
-from ftp_dent_ros.ground.protocol import Item
+from ftp_dent_ros.ground.protocol import Item, remember
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import GroundStationSettings
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     camera_info_message,
     cloud_to_message,
@@ -63,14 +65,13 @@ class GroundTopics:
         self._diagnostics = node.diagnostics
         self._poses: dict[int, tuple[Pose, str]] = {}
         self._untagged: dict[int, bytes] = {}
-        kinds = [(name, kind, CLOUDS) for name, kind in topics.MADE_ON_THE_GROUND.items()]
-        for topic in topics.TOPICS.values():
-            qos = LATCHED if topic.latest else CLOUDS if topic.coded else POSES
-            kinds.append((topic.name, topic.type, qos))
         self._publishers = {
-            name: node.create_publisher(message_class(kind), name, qos)
-            for name, kind, qos in kinds
+            name: node.create_publisher(message_class(kind), name, CLOUDS)
+            for name, kind in topics.MADE_ON_THE_GROUND.items()
         }
+        for name, topic in topics.TOPICS.items():
+            qos = LATCHED if topic.latest else CLOUDS if topic.coded else POSES
+            self._publishers[name] = node.create_publisher(message_class(topic.type), name, qos)
 
     @property
     def untagged(self) -> int:
@@ -88,18 +89,8 @@ class GroundTopics:
         topic = topics.TOPICS.get(item.topic)
         if topic is None or item.kind != topic.kind:
             raise CodecError(f'{item.topic} of the kind {item.kind} is no topic of a payload')
-        frame = str(item.extra.get('frame', ''))
-        if topic.name == topics.PREVIEW_IMAGE:
-            data = to_data(np.frombuffer(item.data, np.uint8))
-            header = make_header(item.stamp_ns, frame)
-            picture = CompressedImage(header=header, format='jpeg', data=data)
-            self._publishers[item.topic].publish(picture)
-        elif topic.name == topics.IMAGE:
-            self._publish_picture(item, frame)
-        elif topic.coded:
-            self._publish_cloud(item, frame)
-        else:
-            self._publish_as_it_is(item)
+        publish = {'cloud': self._publish_cloud, 'jpeg': self._publish_picture}
+        publish.get(topic.coded, self._publish_as_it_is)(item)
 
     def _publish_as_it_is(self, item: Item) -> None:
         publisher = self._publishers[item.topic]
@@ -110,25 +101,21 @@ class GroundTopics:
         publisher.publish(message)
         if item.topic == topics.CAMERA_POSE:
             stamp = stamp_to_ns(message.header.stamp)
-            self._poses[stamp] = pose_from_message(message.pose.pose), message.header.frame_id
-            if len(self._poses) > 100_000:
-                del self._poses[next(iter(self._poses))]
-            waiting = self._untagged.pop(stamp, None)
-            if waiting is not None:
-                self._publish_tagged(decode(waiting), stamp)
+            pose = pose_from_message(message.pose.pose), message.header.frame_id
+            remember(self._poses, stamp, pose, 100_000)
+            if stamp in self._untagged:
+                self._publish_tagged(decode(self._untagged.pop(stamp)), stamp)
 
-    def _publish_cloud(self, item: Item, frame: str) -> None:
+    def _publish_cloud(self, item: Item) -> None:
         cloud, stamp_ns = decode(item.data), item.stamp_ns
-        self._publishers[item.topic].publish(cloud_to_message(cloud, stamp_ns, frame))
+        self._publishers[item.topic].publish(cloud_to_message(cloud, stamp_ns, item.frame))
         if item.topic == topics.PREVIEW_POINTS:
             return
         self._diagnostics.count('clouds')
         if stamp_ns in self._poses:
             self._publish_tagged(cloud, stamp_ns)
-            return
-        self._untagged[stamp_ns] = item.data
-        if len(self._untagged) > 200:
-            del self._untagged[next(iter(self._untagged))]
+        else:
+            remember(self._untagged, stamp_ns, item.data, 200)
 
     def _publish_tagged(self, cloud: Cloud, stamp_ns: int) -> None:
         pose, frame = self._poses.pop(stamp_ns)
@@ -136,20 +123,21 @@ class GroundTopics:
         self._publishers[topics.TAGGED_POINTS].publish(message)
         self._diagnostics.count('tagged clouds')
 
-    def _publish_picture(self, item: Item, frame: str) -> None:
-        bgr = cv2.imdecode(np.frombuffer(item.data, np.uint8), cv2.IMREAD_COLOR)
+    def _publish_picture(self, item: Item) -> None:
+        pixels = np.frombuffer(item.data, np.uint8)
+        if item.topic == topics.PREVIEW_IMAGE:
+            header = make_header(item.stamp_ns, item.frame)
+            picture = CompressedImage(header=header, format='jpeg', data=to_data(pixels))
+            self._publishers[item.topic].publish(picture)
+            return
+        bgr = cv2.imdecode(pixels, cv2.IMREAD_COLOR)
         if bgr is None:
             raise CodecError('a picture is no JPEG')
         self._diagnostics.count('pictures')
         rgb = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
-        self._publishers[item.topic].publish(image_to_message(rgb, item.stamp_ns, frame))
-        lens = None
-        if 'lens' in item.extra:
-            try:
-                lens = RayGrid.from_numbers(item.extra['lens']).lens
-            except (ValueError, TypeError):
-                raise CodecError('a picture has a malformed lens') from None
-        info = camera_info_message(lens, (rgb.shape[1], rgb.shape[0]), item.stamp_ns, frame)
+        self._publishers[item.topic].publish(image_to_message(rgb, item.stamp_ns, item.frame))
+        size = (rgb.shape[1], rgb.shape[0])
+        info = camera_info_message(item.lens, size, item.stamp_ns, item.frame)
         self._publishers[topics.CAMERA_INFO].publish(info)
 
 
@@ -160,7 +148,6 @@ class GroundStation(PayloadNode[GroundStationSettings]):
         super().__init__('ground_station', **options)
         given = self.given
         self._drone_is_here = False
-        self._awake = threading.Event()
         self._topics = GroundTopics(self)
         self._queue: queue.Queue[Item | None] = queue.Queue(64)
         self.diagnostics.hardware_id = given.address
@@ -180,7 +167,6 @@ class GroundStation(PayloadNode[GroundStationSettings]):
         worker.start()
         self.ending.callback(worker.join, 5.0)
         self.ending.callback(self._queue.put, None)
-        self.ending.callback(self._awake.set)
         group = ReentrantCallbackGroup()
         for name in _SERVICES:
             do = partial(self._do, name.rpartition('/')[2])
@@ -198,7 +184,7 @@ class GroundStation(PayloadNode[GroundStationSettings]):
     def _run(self) -> None:
         """Publish item after item, in a thread of its own; nothing that they hold ends it."""
         # What is published before subscribers have found the publishers nobody hears.
-        self._awake.wait(1.5)
+        time.sleep(1.5)
         while (item := self._queue.get()) is not None:
             with self.diagnostics.guarded('an item could not be published', 'wrong item'):
                 if self._page is not None:
@@ -206,23 +192,22 @@ class GroundStation(PayloadNode[GroundStationSettings]):
                 self.diagnostics.count('items')
                 age = (self.now_ns() - item.stamp_ns) / 1e9
                 if 0 <= age < 60.0 * 60.0:
-                    self.diagnostics.measure(f'delay of {item.importance.name.lower()}', age)
+                    self.diagnostics.count(f'delay of {item.importance.name.lower()}', age)
                 if not self._drone_is_here:
                     self._topics.publish(item)
 
-    def _judge(self) -> tuple[bytes, str]:
+    def _judge(self) -> Sequence[Verdict]:
         waiting = {'clouds waiting for their pose': self._topics.untagged}
-        self.diagnostics.notes({**self._station.state(), **waiting})
+        self.diagnostics.note({**self._station.state(), **waiting})
         self._drone_is_here = 'downlink' in self.get_node_names()
-        if self._drone_is_here:
-            return ERROR, (
-                'the payload itself is in this ROS domain, so that nothing of it is published '
-                'twice: choose another ROS_DOMAIN_ID for the ground'
-            )
-        if change := self._station.change():
+        if not self._drone_is_here and (change := self._station.change()):
             self.get_logger().info(change)
         level, text = self._station.summary()
-        return (WARN if level else OK), text
+        here = (
+            'the payload itself is in this ROS domain, so that nothing of it is published '
+            'twice: choose another ROS_DOMAIN_ID for the ground'
+        )
+        return (self._drone_is_here, ERROR, here), (level, WARN, text), (True, OK, text)
 
 
 #: Run the node as a process.

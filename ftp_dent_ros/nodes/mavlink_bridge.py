@@ -19,7 +19,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Transform, TransformStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -39,7 +45,7 @@ from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import MavlinkBridgeSettings
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     cloud_to_message,
@@ -64,12 +70,13 @@ except ImportError:
 def transform_message(pose: Pose, parent: str, child: str, stamp_ns: int) -> TransformStamped:
     """geometry_msgs/TransformStamped of the pose of a child frame in its parent."""
     message = pose_to_message(pose)
-    transform = Transform(rotation=message.orientation)
-    transform.translation.x = message.position.x
-    transform.translation.y = message.position.y
-    transform.translation.z = message.position.z
+    at = message.position
     return TransformStamped(
-        header=make_header(stamp_ns, parent), child_frame_id=child, transform=transform
+        header=make_header(stamp_ns, parent),
+        child_frame_id=child,
+        transform=Transform(
+            translation=Vector3(x=at.x, y=at.y, z=at.z), rotation=message.orientation
+        ),
     )
 
 
@@ -156,17 +163,21 @@ class BridgeCamera:
         self._commands: deque[Any] = deque(maxlen=20)
         self._images: deque[Waiting] = deque(maxlen=20)
         self._client = node.create_client(Trigger, 'camera_capture/capture')
+        self._news = node.create_guard_condition(self._settle)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(0.1, self._settle, clock=steady)
+        node.create_timer(1.0, self._send_heartbeat, clock=steady)
         node.hear(CameraInfo, 'camera/camera_info', self._on_camera_info, IMAGES)
 
     def take(self, command: Any) -> None:
-        """Keep a command for `settle`; from any thread."""
+        """Keep a command for `_settle`; from any thread."""
         self._commands.append(command)
+        self._news.trigger()
 
-    def send_heartbeat(self) -> None:
-        """Tell that there is a camera."""
+    def _send_heartbeat(self) -> None:
         self._node.link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
 
-    def settle(self, timeout: float) -> None:
+    def _settle(self) -> None:
         """Answer what can be answered by now."""
         has_news = self._commands or self._images or self._size != self._sent_size
         state = self._node.link.state() if has_news else None
@@ -182,6 +193,7 @@ class BridgeCamera:
             command = self._commands.popleft()
             for message in self._camera.answers(command, state.identity, self._size, boot_ms):
                 self._send(message)
+        timeout = self._node.settings['pose_timeout']
         for image, found in settled(self._images, self._node.link, timeout):
             tag = None if isinstance(found, PoseError) else found
             self._send(self._camera.captured(image.stamp, tag, self._mount, state.origin))
@@ -250,8 +262,8 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self._settle, clock=steady)
-        self.create_timer(1.0, self._send_heartbeat, clock=steady)
-        self._mavlink_camera = BridgeCamera(self, self._mount) if given.is_camera else None
+        self.create_timer(1.0, lambda: self.link.send_heartbeat(), clock=steady)
+        camera = BridgeCamera(self, self._mount) if given.is_camera else None
         # Last, for its thread must not be left behind if something above fails.
         self.link = Link(
             given.address,
@@ -260,14 +272,9 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             self.now_ns,
             self._on_link_poses,
             given.signing_key or b'',
-            self._on_link_command,
+            camera.take if camera else lambda command: None,
         )
         self.ending.callback(self.link.close)
-
-    def _send_heartbeat(self) -> None:
-        self.link.send_heartbeat()
-        if self._mavlink_camera is not None:
-            self._mavlink_camera.send_heartbeat()
 
     def _on_link_poses(self, poses: list[tuple[int, Pose]]) -> None:
         """Publish, in the link's thread: fifty wake-ups a second of an executor are dear."""
@@ -278,45 +285,35 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         if self._waiting:
             self._news.trigger()
 
-    def _on_link_command(self, command: Any) -> None:
-        if self._mavlink_camera is not None:
-            self._mavlink_camera.take(command)
-            self._news.trigger()
-
     def _on_points(self, message: PointCloud2) -> None:
         self.diagnostics.count('clouds')
         frame = message.header.frame_id
         if frame != self.given.camera_frame:
-            self.diagnostics.refuse(
-                'wrong frame',
+            raise PoseError(
                 f'the cloud is in the frame {frame!r}, but the mount is that of '
                 f'{self.given.camera_frame!r}: set camera_frame',
+                'wrong frame',
             )
-            return
         self._waiting.append(Waiting.of(message))
         self._settle()
         while len(self._waiting) > self.given.queue_size:
             # There is no room for it any more: it is refused for what it has waited for.
-            self._tag_settled(deque([self._waiting.popleft()]), 0.0)
+            self._tag(deque([self._waiting.popleft()]), 0.0)
 
     def _settle(self) -> None:
-        """Tag or refuse each waiting cloud for which that can be said by now."""
-        timeout = self.settings['pose_timeout']
-        if self._mavlink_camera is not None:
-            self._mavlink_camera.settle(timeout)
-        self._tag_settled(self._waiting, timeout)
+        self._tag(self._waiting, self.settings['pose_timeout'])
 
-    def _tag_settled(self, waiting: deque[Waiting], timeout: float) -> None:
+    def _tag(self, waiting: deque[Waiting], timeout: float) -> None:
+        """Tag or refuse each waiting cloud for which that can be said by now."""
         for cloud, found in settled(waiting, self.link, timeout):
-            if isinstance(found, PoseError):
-                age, waited = self.now_ns() - cloud.stamp, time.monotonic() - cloud.arrival
-                self.diagnostics.refuse(
-                    found.reason,
-                    f'no pose for the cloud of {cloud.stamp / 1e9:.3f} ({age / 1e9:.1f} s ago) '
-                    f'after {waited:.1f} s: {found}',
-                )
-                continue
             with self.diagnostics.guarded('a cloud could not be tagged'):
+                if isinstance(found, PoseError):
+                    age, waited = self.now_ns() - cloud.stamp, time.monotonic() - cloud.arrival
+                    raise PoseError(
+                        f'no pose for the cloud of {cloud.stamp / 1e9:.3f} ({age / 1e9:.1f} s '
+                        f'ago) after {waited:.1f} s: {found}',
+                        found.reason,
+                    )
                 self._publish(cloud, found)
 
     def _publish(self, waited: Waiting, tag: Tag) -> None:
@@ -336,9 +333,9 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._camera_pose.publish(covariant_pose_message(camera, covariance, stamp, frame))
         self._pose.publish(covariant_pose_message(tag.pose, tag.covariance, stamp, frame))
         self.diagnostics.count('tagged')
-        self.diagnostics.measure('waited', time.monotonic() - waited.arrival)
+        self.diagnostics.count('waited', time.monotonic() - waited.arrival)
         deviations = np.sqrt(np.diag(covariance))
-        self.diagnostics.notes(
+        self.diagnostics.note(
             {
                 'camera within, across (mm)': f'{1e3 * deviations[:2].max():.0f}',
                 'camera within, up (mm)': f'{1e3 * deviations[2]:.0f}',
@@ -346,23 +343,22 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             }
         )
 
-    def _judge(self) -> tuple[bytes, str]:
+    def _judge(self) -> tuple[Verdict, ...]:
         state = self.link.state()
-        self.diagnostics.notes(state.figures)
-        self.diagnostics.note('clouds waiting', len(self._waiting))
+        self.diagnostics.note({**state.figures, 'clouds waiting': len(self._waiting)})
         self._follow_origin(state.origin)
-        verdict = state.verdict
+        verdict, log = state.verdict, self.get_logger()
         said = (verdict.severity, verdict.reason or verdict.text)
         if said != self._said:
             self._said = said
             # One line a severity: rclpy ties a severity to the line that logs.
             if verdict.severity == 'ok':
-                self.get_logger().info(verdict.text)
+                log.info(verdict.text)
             elif verdict.severity == 'warning':
-                self.get_logger().warning(verdict.text)
+                log.warning(verdict.text)
             else:
-                self.get_logger().error(verdict.text)
-        return _LEVELS[verdict.severity], verdict.text
+                log.error(verdict.text)
+        return ((True, _LEVELS[verdict.severity], verdict.text),)
 
     def _follow_origin(self, origin: Origin | None) -> None:
         # Compared as text, for an altitude that is not known differs from itself.

@@ -16,6 +16,7 @@ import dataclasses
 import sys
 import time
 from collections import deque
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -27,7 +28,7 @@ from ftp_dent_ros.errors import ConfigurationError, ImageError
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import PatternPublisherSettings
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, image_to_message
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import LATCHED, LATCHED_INPUT, PATTERNS
@@ -106,7 +107,7 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
         self._info.publish(camera_info_message(lens, size, stamp_ns, self.given.frame_id))
         self._put(image, stamp_ns)
         self.diagnostics.count('patterns')
-        self.diagnostics.notes(
+        self.diagnostics.note(
             {
                 'period (px)': f'{pattern.period_px:g}',
                 'stripe centre (px)': f'{pattern.stripe_center_px:g}',
@@ -156,13 +157,15 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
         while self._display and self._waiting and self._waiting[0][0] <= now_ns:
             self._display.show(self._waiting.popleft()[1])
 
-    def _judge(self) -> tuple[bytes, str]:
-        if self._display and self._display.trouble:
-            return ERROR, self._display.trouble
-        if self._shown_until is not None:
-            return WARN, 'shows the images of projector/show, not the pattern'
-        shown = 'shown and published' if self._display else 'published'
-        return OK, f'{shown}, {self._image.get_subscription_count()} subscribers'
+    def _judge(self) -> Sequence[Verdict]:
+        trouble = self._display.trouble if self._display else ''
+        does = 'shown and published' if self._display else 'published'
+        others = 'shows the images of projector/show, not the pattern'
+        return (
+            (trouble, ERROR, trouble),
+            (self._shown_until is not None, WARN, others),
+            (True, OK, f'{does}, {self._image.get_subscription_count()} subscribers'),
+        )
 
 
 #: Run the node as a process.

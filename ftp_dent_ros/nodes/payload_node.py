@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 
 from ftp_dent_ros.nodes.declarations import names_of_all
 from ftp_dent_ros.nodes.settings import OF_NODES, read
-from ftp_dent_ros.ros.diagnostics import Diagnostics
+from ftp_dent_ros.ros.diagnostics import Diagnostics, Verdict
 from ftp_dent_ros.ros.node import NewestWorker
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.qos import OVERRIDABLE
@@ -86,6 +86,6 @@ class PayloadNode(Node, Generic[Settings]):
         self.ending.callback(made.stop, finish)
         return made
 
-    def _judge(self) -> tuple[bytes, str]:
-        """Level and message of the moment, for the diagnostics."""
+    def _judge(self) -> Sequence[Verdict]:
+        """What the node knows of its state; see `Diagnostics`."""
         raise NotImplementedError

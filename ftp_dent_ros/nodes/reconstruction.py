@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -35,7 +36,7 @@ from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.history import PatternHistory
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
-from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     image_from_message,
@@ -44,7 +45,7 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, OVERRIDABLE, PATTERNS, AnySubscription
+from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, PATTERNS, AnySubscription
 
 
 class Reconstruction(PayloadNode[ReconstructionSettings]):
@@ -73,12 +74,8 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             'a pattern could not be read',
             'wrong pattern',
         )
-        AnySubscription(
-            self, CameraInfo, 'camera/camera_info', self._watch.on_info, IMAGES, OVERRIDABLE
-        )
-        self._images = AnySubscription(
-            self, Image, 'camera/image_raw', self._on_image, IMAGES, OVERRIDABLE
-        )
+        AnySubscription(self, CameraInfo, 'camera/camera_info', self._watch.on_info)
+        self._images = AnySubscription(self, Image, 'camera/image_raw', self._on_image)
         self._last_stamp_ns = 0
 
     def _on_pattern(self, message: Image) -> None:
@@ -99,7 +96,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._patterns.add(stamp_ns, pattern)
         self._watch.pattern_changed()
         period, stripe = f'{pattern.period_px:g}', f'{pattern.stripe_center_px:g}'
-        self.diagnostics.notes(
+        self.diagnostics.note(
             {'period (px)': period, 'stripe centre (px)': stripe, 'code': pattern.code}
         )
         self.get_logger().info(
@@ -139,7 +136,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
                 self._skin.publish(image_to_message(cloud.skin, stamp_ns, frame_id))
             self._points.publish(cloud_to_message(cloud, stamp_ns, frame_id))
         self._last_stamp_ns = stamp_ns
-        self.diagnostics.note('valid points', f'{100 * cloud.valid.mean():.1f} %')
+        self.diagnostics.note({'valid points': f'{100 * cloud.valid.mean():.1f} %'})
         self._watch.look(pattern, photograph, measurement)
         self._covered.append((stamp_ns, measurement.coverage))
 
@@ -186,35 +183,35 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             stamp_ns, worst = min(clouds, key=lambda each: each[1].share)
             # That the pattern could not be checked is told of each of them.
             shown = replace(worst, confirmed=all(coverage.confirmed for _, coverage in clouds))
-            self.diagnostics.notes({**shown.notes, NOTED_STAMP: stamp_ns})
+            self.diagnostics.note({**shown.notes, NOTED_STAMP: stamp_ns})
 
-    def _judge(self) -> tuple[bytes, str]:
+    def _judge(self) -> Sequence[Verdict]:
         self._note_coverage()
-        if self.given.rig is None:
-            return WARN, 'no calibration: set the parameter rig to its rig.yaml'
-        if self._patterns.latest is None:
-            return WARN, f'no pattern: {self._patterns.trouble}'
-        if self._watch.wrong_calibration:
-            return WARN, f'wrong calibration: {self._watch.wrong_calibration}'
-        if self._watch.trouble:
-            return WARN, self._watch.trouble
-        self.diagnostics.note('images lost on the way', self._images.lost)
-        if self._images.is_best_effort:
-            return WARN, (
-                f'camera/image_raw is published with best effort, {self._images.lost} images were '
-                'lost on the way: publish it reliably'
-            )
+        watch, lost = self._watch, self._images.lost
         publishers = self.count_publishers('camera/image_raw')
-        if publishers > 1:
-            return WARN, (
-                f'camera/image_raw has {publishers} publishers, whose messages mix: end all but '
-                'one (one that was killed counts for 5 s)'
-            )
-        if self._points.get_subscription_count() == 0:
-            return OK, 'idle: nobody subscribes to points'
-        if not self.diagnostics.recent('images'):
-            return OK, 'waiting for images'
-        return OK, 'working'
+        self.diagnostics.note({'images lost on the way': lost})
+        unreliable = (
+            f'camera/image_raw is published with best effort, {lost} images were lost on the way: '
+            'publish it reliably'
+        )
+        mixed = (
+            f'camera/image_raw has {publishers} publishers, whose messages mix: end all but one '
+            '(one that was killed counts for 5 s)'
+        )
+        return (
+            (
+                self.given.rig is None,
+                WARN,
+                'no calibration: set the parameter rig to its rig.yaml',
+            ),
+            (self._patterns.latest is None, WARN, f'no pattern: {self._patterns.trouble}'),
+            (watch.wrong_calibration, WARN, f'wrong calibration: {watch.wrong_calibration}'),
+            (watch.trouble, WARN, watch.trouble),
+            (self._images.is_best_effort, WARN, unreliable),
+            (publishers > 1, WARN, mixed),
+            (not self._points.get_subscription_count(), OK, 'idle: nobody subscribes to points'),
+            (not self.diagnostics.recent('images'), OK, 'waiting for images'),
+        )
 
 
 #: Run the node as a process.

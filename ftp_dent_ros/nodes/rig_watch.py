@@ -56,7 +56,7 @@ class RigWatch:
             self._check_turn, 'the rig could not be checked', rest=_CHECK_PERIOD
         )
         node.ending.callback(self._aside.end)
-        self._diagnostics.note('rig', self._rig.id if self._rig else 'none')
+        self._diagnostics.note({'rig': self._rig.id if self._rig else 'none'})
 
     @property
     def trouble(self) -> str:
@@ -75,11 +75,11 @@ class RigWatch:
         try:
             lens = lens_from_message(message)
         except RigError as error:
-            self._diagnostics.note('camera_info', f'ignored: {error}')
+            self._diagnostics.note({'camera_info': f'ignored: {error}'})
             self._diagnostics.refuse('wrong camera_info', str(error))
             return
         self._camera_info = values
-        self._diagnostics.note('camera_info', 'comes')
+        self._diagnostics.note({'camera_info': 'comes'})
         self.wrong_calibration = (
             '' if lens is None else _difference(lens, self._rig.camera, self._tolerance_px)
         )
@@ -94,7 +94,7 @@ class RigWatch:
             return
         if not self._info_came:
             without = "none came: the rig's own camera is believed"
-            self._diagnostics.note('camera_info', without)
+            self._diagnostics.note({'camera_info': without})
             self._logger.warning(f'camera_info: {without}', once=True)
         self._note_flicker(self._rig, photograph, measurement.cloud.points)
         self._note_epipolar(measurement.epipolar)
@@ -107,14 +107,14 @@ class RigWatch:
         found = flicker(self._lights)
         if found is not None:
             advice = ': expose for a whole number of projector frames, if the skin is plain'
-            self._diagnostics.note('flicker', found.text + advice * (found.worst > MUCH))
+            self._diagnostics.note({'flicker': found.text + advice * (found.worst > MUCH)})
 
     def _note_epipolar(self, check: EpipolarCheck | None) -> None:
         """Say how far the light lies beside its epipolar lines, and whether the rig has moved."""
         if check is None or not check.seen:
             return
         self._epipolar.append(check)
-        self._diagnostics.notes(
+        self._diagnostics.note(
             {
                 'beside epipolar lines (px)': f'{check.shift:+.3f}',
                 'its uncertainty (px)': f'{check.shift_deviation:.3f}',
@@ -130,9 +130,9 @@ class RigWatch:
         try:
             found = self._aside.check(*given, math.inf)
         except CalibrationError as reason:
-            self._diagnostics.note('rig check', f'not possible: {reason}')
+            self._diagnostics.note({'rig check': f'not possible: {reason}'})
             return
-        self._diagnostics.note('rig check', found.sentence)
+        self._diagnostics.note({'rig check': found.sentence})
         self._turned = '' if found.holds else found.sentence
 
 

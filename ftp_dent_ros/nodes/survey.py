@@ -10,6 +10,7 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -24,7 +25,7 @@ from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import SurveySettings
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import coverage_to_markers
-from ftp_dent_ros.ros.diagnostics import OK, WARN
+from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import covariant_pose_message, make_header, pose_stamped_message
 from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import LATCHED, POSES
@@ -61,7 +62,6 @@ class Survey(PayloadNode[SurveySettings]):
         """Begin a skin, of which nothing is known yet."""
         self._joining = Joining(partial(self.diagnostics.refuse, 'pair not used in full'))
         self._left_out: set[int] = set()
-        self._without_ties = 0
 
     def _work(self, item: Matched) -> None:
         """Join one cloud, in the worker's thread."""
@@ -87,13 +87,12 @@ class Survey(PayloadNode[SurveySettings]):
         if item.skin is None and self._matching.expects('skin'):
             self.diagnostics.refuse('no skin', 'a cloud came without the image of its skin')
         cloud = item.with_skin(self.diagnostics)
-        links = len(joining.graph.links)
         pose = joining.add(stamp_ns, cloud, cloud.skin, stated, covariance)
         now_known = joining.newest_covariance()
         self._pose.publish(covariant_pose_message(pose, now_known, stamp_ns, frame))
         stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
         self._drawing.put((stamps, poses, tuple(joining.footprints)))
-        self._tell_pairs(links)
+        self._tell_pairs()
 
     def _draw(self, state: State) -> None:
         """Publish the path and the coverage of a state, in the drawing's thread."""
@@ -115,34 +114,34 @@ class Survey(PayloadNode[SurveySettings]):
         if seen is None:
             self.diagnostics.refuse('no coverage', 'the poses are too far apart to draw the skin')
             return
-        self.diagnostics.notes({'measured (m2)': f'{seen.area:.3f}', 'gaps': len(seen.gaps)})
+        self.diagnostics.note({'measured (m2)': f'{seen.area:.3f}', 'gaps': len(seen.gaps)})
         self._coverage.publish(coverage_to_markers(seen, stamps[-1], frame))
 
-    def _tell_pairs(self, links: int) -> None:
-        """Tell what became of the pairs: those that were there already, and those from `links`."""
+    def _tell_pairs(self) -> None:
+        """Tell what became of the pairs."""
         graph = self._joining.graph
-        self._without_ties += sum(link.relative.rank == 0 for link in graph.links[links:])
         contradicting = self._joining.contradicting()
         for index in contradicting.keys() - self._left_out:
             self.diagnostics.refuse('contradicting pair', contradicting[index])
         self._left_out = set(contradicting)
-        self.diagnostics.notes(
+        self.diagnostics.note(
             {
                 'clouds in the survey': len(graph.poses),
                 'clouds without skin': self._joining.without_skin,
                 'pairs': len(graph.links),
                 'pairs left out': len(contradicting),
-                'pairs without ties': self._without_ties,
+                'pairs without ties': sum(link.relative.rank == 0 for link in graph.links),
             }
         )
 
-    def _judge(self) -> tuple[bytes, str]:
-        has_skin = self._matching.expects('skin')
-        if not self.diagnostics.recent('clouds'):
-            return OK, 'waiting for clouds' if has_skin else 'waiting for clouds and their skin'
-        if not has_skin:
-            return WARN, 'nobody publishes skin: along it the clouds lie as the autopilot says'
-        return OK, 'working'
+    def _judge(self) -> Sequence[Verdict]:
+        is_idle, has_skin = not self.diagnostics.recent('clouds'), self._matching.expects('skin')
+        alone = 'nobody publishes skin: along it the clouds lie as the autopilot says'
+        return (
+            (is_idle and has_skin, OK, 'waiting for clouds'),
+            (is_idle, OK, 'waiting for clouds and their skin'),
+            (not has_skin, WARN, alone),
+        )
 
 
 #: Run the node as a process.

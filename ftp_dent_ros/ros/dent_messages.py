@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
@@ -57,8 +58,8 @@ def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
         for name in _ESTIMATES:
             estimate = getattr(dent, name)
             row[name], row[f'{name}_uncertainty'] = estimate.value, estimate.uncertainty
-        row['bottom_radius'] = dent.bottom_radius
-        row['clearance'], row['significance'] = dent.clearance, dent.significance
+        for name in ('bottom_radius', 'clearance', 'significance'):
+            row[name] = getattr(dent, name)
         row['position_uncertainty'] = np.sqrt(np.trace(entry.position_covariance) / 3)
         row['number'], row['sightings'] = entry.number, len(entry.sightings)
         row['kind'], row['is_cut'] = KINDS.index(dent.kind), dent.is_cut
@@ -108,20 +109,17 @@ def dents_to_markers(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for entry in entries:
         dent = entry.dent
+        colour, number = _COLOURS[dent.kind], entry.number
         if len(dent.outline):
-            outline = _marker(header, 'outlines', entry.number, Marker.LINE_STRIP)
-            outline.color = _COLOURS[dent.kind]
             # Metres: as wide, and as far above the skin.
-            outline.scale.x = 0.0015
-            closed = np.concatenate([dent.outline, dent.outline[:1]])
-            outline.points = [_point(each + 0.0015 * dent.normal) for each in closed]
-            markers.append(outline)
-        text = f'{entry.number}: {dent.depth.value * 1e3:.2f} mm'
+            width = 0.0015
+            closed = np.concatenate([dent.outline, dent.outline[:1]]) + width * dent.normal
+            line = {'type': Marker.LINE_STRIP, 'scale': Vector3(x=width), 'points': closed}
+            markers.append(_marker(header, 'outlines', number, colour, **line))
+        text = f'{number}: {dent.depth.value * 1e3:.2f} mm'
         text += '' if dent.kind == 'dent' else f' ({dent.kind})'
-        label = _marker(header, 'depths', entry.number, Marker.TEXT_VIEW_FACING, text, 0.02)
-        label.color = _COLOURS[dent.kind]
-        label.pose.position = _point(dent.position + 0.02 * dent.normal)
-        markers.append(label)
+        label = _text(text, 0.02, dent.position + 0.02 * dent.normal)
+        markers.append(_marker(header, 'depths', number, colour, **label))
     return MarkerArray(markers=markers)
 
 
@@ -138,32 +136,38 @@ def coverage_to_markers(seen: SeenSkin, stamp_ns: int, frame_id: str) -> MarkerA
     ):
         corners = seen.strips(mask)
         if len(corners):
-            marker = _marker(header, name, 0, Marker.TRIANGLE_LIST)
-            marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
-            marker.color = colour
             # Two triangles of a strip's four corners.
-            marker.points = [_point(e) for e in corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)]
-            markers.append(marker)
+            triangles = corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+            given = {'type': Marker.TRIANGLE_LIST, 'scale': Vector3(x=1.0, y=1.0, z=1.0)}
+            markers.append(_marker(header, name, 0, colour, points=triangles, **given))
     for number, gap in enumerate(seen.gaps[:20]):
         text = 'not measured: {:.0f} x {:.0f} mm'.format(*(gap.size * 1e3))
-        label = _marker(header, 'sizes', number, Marker.TEXT_VIEW_FACING, text, 0.03)
-        label.color = _GAP
-        label.pose.position = _point(seen.skin.points(gap.place, 0.03))
-        markers.append(label)
+        label = _text(text, 0.03, seen.skin.points(gap.place, 0.03))
+        markers.append(_marker(header, 'sizes', number, _GAP, **label))
     return MarkerArray(markers=markers)
 
 
 def _marker(
-    header: Header, name: str, number: int, kind: int, text: str = '', height: float = 0.0
+    header: Header,
+    ns: str,
+    number: int,
+    colour: ColorRGBA,
+    points: NDArray | tuple[()] = (),
+    place: NDArray | tuple[float, ...] = (0.0, 0.0, 0.0),
+    **given: Any,
 ) -> Marker:
-    """A marker; `height` is that of the letters of its text, metres."""
-    marker = Marker(header=header, ns=name, id=number, type=kind, text=text)
-    marker.scale.z = height
-    marker.pose.orientation.w = 1.0
-    return marker
+    pose = Pose(position=_point(place), orientation=Quaternion(w=1.0))
+    drawn = [_point(each) for each in points]
+    return Marker(header=header, ns=ns, id=number, color=colour, points=drawn, pose=pose, **given)
 
 
-def _point(values: NDArray) -> Point:
+def _text(text: str, height: float, place: NDArray) -> dict[str, Any]:
+    """Of a marker: letters so high, metres, that face the viewer."""
+    scale = Vector3(z=height)
+    return {'type': Marker.TEXT_VIEW_FACING, 'text': text, 'scale': scale, 'place': place}
+
+
+def _point(values: NDArray | tuple[float, ...]) -> Point:
     """On a lattice of 1/4096 m: no drawing shows it, and it is deflated to a third."""
     x, y, z = (round(float(value) * 4096) / 4096 for value in values)
     return Point(x=x, y=y, z=z)

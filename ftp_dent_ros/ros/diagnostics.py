@@ -7,7 +7,7 @@ import threading
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,6 +18,8 @@ from ftp_dent_ros.errors import CameraError, InputError, PoseError, RefusedFrame
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+#: Whether something holds at the moment, its level, and what to say then.
+Verdict = tuple[object, bytes, str]
 
 # Seconds that rates are of, and between two lines in the log on one matter.
 _WINDOW = 10.0
@@ -80,21 +82,19 @@ class Diagnostics:
     ----------
     node : rclpy.node.Node
     judge : callable, optional
-        Gives the level and the message of the moment, as far as the node itself knows them; a
-        refusal or a failure of the last ten seconds that is worse goes first.
+        Gives what the node itself knows: the first `Verdict` that holds is told; a refusal or a
+        failure of the last ten seconds that is worse goes first.
+
+    Attributes
+    ----------
     hardware_id : str
         The device that the node speaks for.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        judge: Callable[[], tuple[bytes, str]] = lambda: (OK, 'working'),
-        hardware_id: str = '',
-    ) -> None:
+    def __init__(self, node: Node, judge: Callable[[], Sequence[Verdict]] = tuple) -> None:
         self._node = node
         self._judge = judge
-        self.hardware_id = hardware_id
+        self.hardware_id = ''
         self._statistics, self._troubles = Statistics(), Statistics()
         self._troubles.totals.update(refused=0, failed=0)
         self._notes: dict[str, str] = {}
@@ -104,12 +104,11 @@ class Diagnostics:
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self._publish, clock=clock)
 
-    def count(self, name: str) -> None:
-        """Count one `name` ('images', say): its total and rate are shown."""
-        self._statistics.add(name)
+    def count(self, name: str, seconds: float | None = None) -> None:
+        """Count one `name` ('images', say), or a duration ('latency', say).
 
-    def measure(self, name: str, seconds: float) -> None:
-        """Add a duration ('latency', say): its median and maximum are shown."""
+        Of the ones total and rate are shown, of the others median and maximum.
+        """
         self._statistics.add(name, seconds)
 
     @contextmanager
@@ -121,16 +120,12 @@ class Diagnostics:
         started = time.monotonic()
         yield
         self.count(done)
-        self.measure('computation', time.monotonic() - started)
+        self.count('computation', time.monotonic() - started)
         latency = (self._node.get_clock().now().nanoseconds - stamp_ns) / 1e9
         if 0 <= latency < _LONGEST_LATENCY:
-            self.measure('latency', latency)
+            self.count('latency', latency)
 
-    def note(self, name: str, value: object) -> None:
-        """Show a value from now on."""
-        self._notes[name] = str(value)
-
-    def notes(self, values: Mapping[str, object]) -> None:
+    def note(self, values: Mapping[str, object]) -> None:
         """Show some values from now on, by name."""
         self._notes.update((name, str(value)) for name, value in values.items())
 
@@ -179,20 +174,19 @@ class Diagnostics:
 
     def status(self) -> DiagnosticStatus:
         """State of the moment."""
-        level, message = self._judge()
-        refusals = len(self._troubles.recent('refused'))
-        drops = len(self._statistics.recent('dropped'))
-        if self._troubles.recent('failed'):
-            level, message = ERROR, self._last['failed']
-        elif level == OK and (refusals or drops):
-            level, troubles = WARN, []
-            if refusals:
-                troubles.append(f'{refusals} refused in 10 s, last {self._last["refused"]}')
-            if drops:
-                troubles.append(
-                    f'{drops} dropped in 10 s: more comes than there is time for, lower its rate'
-                )
-            message = '; '.join(troubles)
+        refusals, drops = len(self._troubles.recent('refused')), self.recent('dropped')
+        verdicts: list[Verdict] = [
+            (self._troubles.recent('failed'), ERROR, self._last['failed']),
+            *self._judge(),
+            (True, OK, 'working'),
+        ]
+        level, message = next((level, said) for holds, level, said in verdicts if holds)
+        troubles = [
+            (refusals, f'{refusals} refused in 10 s, last {self._last["refused"]}'),
+            (drops, f'{drops} dropped in 10 s: more comes than there is time for, lower its rate'),
+        ]
+        if level == OK and (refusals or drops):
+            level, message = WARN, '; '.join(said for count, said in troubles if count)
         troubles_ever = {name: str(total) for name, total in list(self._troubles.totals.items())}
         values = {**self._notes, **self._statistics.shown(), **troubles_ever}
         return DiagnosticStatus(

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
@@ -136,29 +136,25 @@ def camera_info_message(
     sensor_msgs/CameraInfo
         R is the identity and P is [K 0], as for a single camera.
     """
-    message = CameraInfo(
-        header=make_header(stamp_ns, frame_id),
-        width=size[0],
-        height=size[1],
-    )
+    given: dict[str, Any] = {}
     if lens:
-        message.distortion_model = 'plumb_bob'
-        message.d = lens.distortion.tolist()
-        message.k = lens.camera_matrix.ravel()
-        message.r = np.eye(3).ravel()
-        message.p = np.hstack([lens.camera_matrix, np.zeros((3, 1))]).ravel()
-    return message
+        projection = np.hstack([lens.camera_matrix, np.zeros((3, 1))])
+        given = {
+            'distortion_model': 'plumb_bob',
+            'd': lens.distortion.tolist(),
+            'k': lens.camera_matrix.ravel(),
+            'r': np.eye(3).ravel(),
+            'p': projection.ravel(),
+        }
+    header = make_header(stamp_ns, frame_id)
+    return CameraInfo(header=header, width=size[0], height=size[1], **given)
 
 
 def pose_to_message(pose: Pose) -> PoseMessage:
     """geometry_msgs/Pose of a pose."""
-    message = PoseMessage()
-    position, orientation = message.position, message.orientation
-    position.x, position.y, position.z = (float(value) for value in pose.translation)
-    orientation.x, orientation.y, orientation.z, orientation.w = (
-        float(value) for value in pose.quaternion
-    )
-    return message
+    place = dict(zip('xyz', map(float, pose.translation), strict=True))
+    turn = dict(zip('xyzw', map(float, pose.quaternion), strict=True))
+    return PoseMessage(position=Point(**place), orientation=Quaternion(**turn))
 
 
 def covariant_pose_message(

@@ -116,31 +116,31 @@ class NewestWorker(Generic[Item]):
         self._diagnostics, self._work, self._what = diagnostics, work, what
         self._rest = rest
         self._changed = threading.Condition()
-        self._waiting: deque[tuple[int, Item]] = deque(maxlen=1 if rest else room)
-        self._last = 0
-        self._working: int | None = None
+        self._waiting: deque[Item] = deque(maxlen=1 if rest else room)
+        self._working: list[Item] = []
         self._stopped = self._finishing = False
         self._thread = threading.Thread(target=self._run, name=work.__name__, daemon=True)
         self._thread.start()
 
     def __len__(self) -> int:
         """How many wait or are worked on."""
-        return len(self._waiting) + (self._working is not None)
+        return len(self._left())
 
     def put(self, item: Item) -> None:
         """Hand over an item; the oldest that nobody had taken may be dropped for it."""
         with self._changed:
             if len(self._waiting) == self._waiting.maxlen and not self._rest:
                 self._diagnostics.count('dropped')
-            self._last += 1
-            self._waiting.append((self._last, item))
+            self._waiting.append(item)
             self._changed.notify_all()
 
     def settle(self, seconds: float) -> bool:
         """Wait until all that was put before is done or dropped; whether it is in that time."""
         with self._changed:
-            last = self._last
-            return self._changed.wait_for(lambda: self._oldest() > last, seconds)
+            before = self._left()
+            return self._changed.wait_for(
+                lambda: not any(item is each for item in before for each in self._left()), seconds
+            )
 
     def stop(self, finish: bool = False) -> None:
         """Finish the item in work, and those that wait if asked to, and end the thread."""
@@ -149,23 +149,22 @@ class NewestWorker(Generic[Item]):
             self._changed.notify_all()
         self._thread.join()
 
-    def _oldest(self) -> int:
-        """Number of the item that is next to be done."""
-        if self._working is not None:
-            return self._working
-        return self._waiting[0][0] if self._waiting else self._last + 1
+    def _left(self) -> list[Item]:
+        """What is worked on and what waits."""
+        return [*self._working, *self._waiting]
 
     def _run(self) -> None:
         rest = 0.0
         while True:
             with self._changed:
-                self._working = None
+                self._working.clear()
                 self._changed.notify_all()
                 self._changed.wait_for(lambda: self._stopped, rest)
                 self._changed.wait_for(lambda: self._waiting or self._stopped)
                 if self._stopped and not (self._finishing and self._waiting):
                     return
-                self._working, item = self._waiting.popleft()
+                item = self._waiting.popleft()
+                self._working.append(item)
             started = time.monotonic()
             with self._diagnostics.guarded(self._what):
                 self._work(item)

@@ -47,8 +47,12 @@ class Photographer:
         self._shown: deque[Image] = deque(maxlen=4)
         self._taken: deque[Image] = deque(maxlen=4)
         self._show = node.create_publisher(Image, 'projector/show', LATCHED_INPUT)
-        node.create_subscription(Image, 'projector/image_raw', self._on_shown, PATTERNS)
-        node.create_subscription(Image, 'camera/image_raw', self._on_taken, IMAGES)
+        node.create_subscription(
+            Image, 'projector/image_raw', lambda image: self._shown.append(image), PATTERNS
+        )
+        node.create_subscription(
+            Image, 'camera/image_raw', lambda image: self._taken.append(image), IMAGES
+        )
         self._capture = node.create_client(Trigger, 'camera_capture/capture')
         self._before: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
         self.delay_ns = 0
@@ -78,14 +82,14 @@ class Photographer:
 
     def show(self, image: NDArray[np.uint8]) -> int:
         """Show RGB pixels; the time from which they are shown, nanoseconds."""
-        message = image_to_message(image, self._node.get_clock().now().nanoseconds, 'projector')
+        message = image_to_message(image, self.now_ns(), 'projector')
         self._shown.clear()
         self._show.publish(message)
-
-        def is_shown() -> bool:
-            return any(each.data == message.data for each in self._shown)
-
-        self._until(is_shown, _ANSWER, 'pattern_publisher does not show what it is asked to')
+        self._until(
+            lambda: any(each.data == message.data for each in self._shown),
+            _ANSWER,
+            'pattern_publisher does not show what it is asked to',
+        )
         return stamp_to_ns(self._shown[-1].header.stamp)
 
     def projected(self) -> NDArray[np.uint8]:
@@ -156,12 +160,6 @@ class Photographer:
             self._show.publish(Image())
             self._executor.spin_once(0.1)
         self._executor.shutdown()
-
-    def _on_shown(self, message: Image) -> None:
-        self._shown.append(message)
-
-    def _on_taken(self, message: Image) -> None:
-        self._taken.append(message)
 
     def _until(self, condition: Callable[[], object], timeout: float, trouble: str) -> None:
         if not self.waited_for(condition, timeout):

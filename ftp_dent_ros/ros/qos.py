@@ -43,7 +43,7 @@ OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 
 
 class AnySubscription:
-    """A reliable subscription that is a best-effort one while a publisher is no better (REP 2003).
+    """A subscription to images, reliable unless a publisher is best effort (REP 2003).
 
     Best effort alone would hear both, and lose most of the large messages of reliable ones too.
 
@@ -53,10 +53,6 @@ class AnySubscription:
     message_type : type
     topic : str
     callback : callable
-    qos : QoSProfile
-        Reliable.
-    overridable : QoSOverridingOptions
-        Of the first subscription; who overrides it to best effort hears both anyway.
 
     Attributes
     ----------
@@ -72,11 +68,8 @@ class AnySubscription:
         message_type: Any,
         topic: str,
         callback: Callable[[Any], None],
-        qos: QoSProfile,
-        overridable: QoSOverridingOptions | None = None,
     ) -> None:
         self._node, self._type, self._topic, self._callback = node, message_type, topic, callback
-        self._depth = qos.depth
         self.is_best_effort = False
         self.lost = 0
         self._last = 0
@@ -84,8 +77,9 @@ class AnySubscription:
             message_type,
             topic,
             self._take,  # type: ignore[arg-type]  # rclpy gives the message's information too
-            qos,
-            qos_overriding_options=overridable,
+            IMAGES,
+            # Who overrides it to best effort hears both anyway.
+            qos_overriding_options=OVERRIDABLE,
         )
         node.create_timer(0.5, self._follow, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -110,7 +104,7 @@ class AnySubscription:
             self._type,
             self._topic,
             self._take,  # type: ignore[arg-type]
-            QoSProfile(depth=self._depth, reliability=policy),
+            QoSProfile(depth=IMAGES.depth, reliability=policy),
         )
         how = 'with best effort, and may lose messages' if best_effort else 'reliably again'
         self._node.get_logger().info(f'{name} is heard {how}')

@@ -17,7 +17,7 @@ from chromium import Chromium
 from free_address import free_address
 from rosbags.interfaces import Nodetype
 
-from ftp_dent_ros.coding.cloud_codec import RayGrid, encode
+from ftp_dent_ros.coding.cloud_codec import encode
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
@@ -134,17 +134,15 @@ def state_item(text='works'):
 
 
 def picture_item(view):
-    lens = RayGrid(view.lens, 1)
     image = np.full((view.lens.height, view.lens.width, 3), 120, np.uint8)
     data = cv2.imencode('.jpg', image)[1].tobytes()
-    extra = {'frame': 'camera', 'lens': lens.numbers()}
-    return Item(Importance.PICTURES, topics.IMAGE, 'jpeg', STAMP, data, extra=extra)
+    given = {'frame': 'camera', 'lens': view.lens}
+    return Item(Importance.PICTURES, topics.IMAGE, 'jpeg', STAMP, data, **given)
 
 
 def cloud_item(view):
     data = encode(skin(view), view)
-    extra = {'frame': 'camera'}
-    return Item(Importance.PREVIEWS, topics.PREVIEW_POINTS, 'cloud', STAMP, data, extra=extra)
+    return Item(Importance.PREVIEWS, topics.PREVIEW_POINTS, 'cloud', STAMP, data, frame='camera')
 
 
 @pytest.fixture

@@ -26,11 +26,12 @@ def values_of(status):
 
 def test_counts_durations_and_notes_are_shown(ros, monkeypatch):
     monkeypatch.setattr('ftp_dent_ros.ros.diagnostics.Statistics', lambda: Statistics(now=Clock()))
-    diagnostics = Diagnostics(ros.node, hardware_id='/dev/video0')
+    diagnostics = Diagnostics(ros.node)
+    diagnostics.hardware_id = '/dev/video0'
     for seconds in (0.010, 0.030, 0.020):
         diagnostics.count('images')
-        diagnostics.measure('latency', seconds)
-    diagnostics.note('period (px)', 8)
+        diagnostics.count('latency', seconds)
+    diagnostics.note({'period (px)': 8})
     status = diagnostics.status()
     values = values_of(status)
     assert (status.level, status.message, status.hardware_id) == (OK, 'working', '/dev/video0')
@@ -63,7 +64,7 @@ def test_what_is_dropped_warns_too(ros):
 
 
 def test_a_failure_goes_before_a_refusal_and_before_the_judge(ros):
-    diagnostics = Diagnostics(ros.node, judge=lambda: (WARN, 'no calibration'))
+    diagnostics = Diagnostics(ros.node, judge=lambda: [(True, WARN, 'no calibration')])
     diagnostics.refuse('no calibration', 'no rig is set')
     assert diagnostics.status().message == 'no calibration'
     diagnostics.fail('the camera is gone')

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.cloud_codec import RayGrid, decode
+from ftp_dent_ros.coding.cloud_codec import decode
 from ftp_dent_ros.coding.messages import pose_from_message, stamp_to_ns
 from ftp_dent_ros.dents.dent import COVERAGE, KINDS
 from ftp_dent_ros.errors import CodecError, PoseError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.protocol import Item
+from ftp_dent_ros.ground.protocol import Item, remember
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.robust import deviation
@@ -136,24 +136,15 @@ def _dent(value: Any) -> dict[str, Any]:
         given = float(value[name]) * factor
         return round(given, digits) if math.isfinite(given) else None
 
-    def vector(name: str) -> list[float | None]:
-        return [number(f'{name}{axis}') for axis in 'xyz']
-
-    lengths = ('length', 'width', 'depth')
-    return {
-        'number': int(value['number']),
-        'kind': KINDS[int(value['kind'])],
-        'place': vector(''),
-        'normal': vector('normal_'),
-        'axis': vector('axis_'),
-        'sightings': int(value['sightings']),
-        **{f'{name}_mm': number(name, 1e3, 3) for name in lengths},
+    dent: dict[str, Any] = {name: int(value[name]) for name in ('number', 'sightings')}
+    dent['kind'] = KINDS[int(value['kind'])]
+    for name, prefix in (('place', ''), ('normal', 'normal_'), ('axis', 'axis_')):
+        dent[name] = [number(f'{prefix}{axis}') for axis in 'xyz']
+    for name in ('length', 'width', 'depth'):
+        dent[f'{name}_mm'] = number(name, 1e3, 3)
         # Half the 95 % interval.
-        **{
-            f'{name}_interval_mm': number(f'{name}_uncertainty', COVERAGE * 1e3, 3)
-            for name in lengths
-        },
-    }
+        dent[f'{name}_interval_mm'] = number(f'{name}_uncertainty', COVERAGE * 1e3, 3)
+    return dent
 
 
 # How what the page shows as it was told last is read.
@@ -200,9 +191,10 @@ class PageScene:
         CodecError
             It is not what it says.
         """
+        take = {'jpeg': self._take_picture, 'cloud': self._take_cloud}
         with self._lock:
             try:
-                self._take(item)
+                take.get(item.kind, self._take_message)(item)
             except _MALFORMED:
                 raise CodecError(f'an item of {item.topic} is malformed: it is refused') from None
             self.version += 1
@@ -236,17 +228,12 @@ class PageScene:
         """float32 x, y, z (m) and deviation (mm) of each point of the latest small cloud."""
         return self._cloud[1] if self._cloud else b''
 
-    def _take(self, item: Item) -> None:
-        if item.kind == 'jpeg':
-            self._take_picture(item)
-        elif item.kind == 'cloud':
-            self._take_cloud(item)
-        elif item.topic in _READERS:
+    def _take_message(self, item: Item) -> None:
+        if item.topic in _READERS:
             self._told[item.topic] = _READERS[item.topic](message_of(item))
         elif item.topic == topics.CAMERA_POSE:
-            self._poses[item.stamp_ns] = pose_from_message(message_of(item).pose.pose)
-            if len(self._poses) > _KEPT:
-                del self._poses[min(self._poses)]
+            pose = pose_from_message(message_of(item).pose.pose)
+            remember(self._poses, item.stamp_ns, pose, _KEPT)
 
     def _take_picture(self, item: Item) -> None:
         if self._picture is not None and item.stamp_ns < self._picture[0]:
@@ -254,20 +241,17 @@ class PageScene:
         image = cv2.imdecode(np.frombuffer(item.data, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise ValueError
-        if 'lens' in item.extra:
-            self._lens = RayGrid.from_numbers(item.extra['lens']).lens
+        self._lens = item.lens or self._lens
         self._picture = item.stamp_ns, item.data, (image.shape[1], image.shape[0])
 
     def _take_cloud(self, item: Item) -> None:
         if item.topic != topics.PREVIEW_POINTS:
             return
         cloud = decode(item.data)
-        pose = self._poses.get(item.stamp_ns)
-        if pose is not None:
-            ends = corners(cloud)
-            if ends is not None:
-                area = pose.apply(ends)
-                self._areas.append((item.stamp_ns, np.round(area.astype(float), 3).tolist()))
+        pose, ends = self._poses.get(item.stamp_ns), corners(cloud)
+        if pose is not None and ends is not None:
+            area = np.round(pose.apply(ends), 3).tolist()
+            self._areas.append((item.stamp_ns, area))
         if self._cloud is None or item.stamp_ns >= self._cloud[0]:
             self._cloud = item.stamp_ns, relief(cloud)
 

@@ -34,12 +34,6 @@ _PICTURE, _CLOUD = 'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/PointClou
 _FIELDS = 6  # of a cloud: x, y, z, intensity, sigma, resolution
 _WAITING = 64  # messages that wait for a slow client; the oldest give way
 
-_FILES = {
-    '/': ('page.html', 'text/html'),
-    '/page.css': ('page.css', 'text/css'),
-    '/page.js': ('page.js', 'text/javascript'),
-    '/view.js': ('view.js', 'text/javascript'),
-}
 _FOXGLOVE = '/foxglove'
 # Nothing from elsewhere: neither scripts nor pictures, nor a page around this one.
 _HEADERS = {
@@ -65,24 +59,18 @@ def encode_message(item: Item) -> tuple[str, bytes]:
     from ftp_dent_ros.recording.compression import cloud_message
 
     store = topic.typestore()
-    seconds, rest = divmod(item.stamp_ns, 10**9)
+    seconds, nanoseconds = divmod(item.stamp_ns, 10**9)
     try:
-        header = store.types['std_msgs/msg/Header'](
-            stamp=store.types['builtin_interfaces/msg/Time'](sec=seconds, nanosec=rest),
-            frame_id=str(item.extra.get('frame', '')),
-        )
+        stamp = store.types['builtin_interfaces/msg/Time'](sec=seconds, nanosec=nanoseconds)
+        header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id=item.frame)
         if item.kind == 'cloud':
-            cloud = cloud_message(header, item.data, _FIELDS)
-            return _CLOUD, bytes(store.serialize_cdr(cloud, _CLOUD))
-        if item.kind == 'jpeg':
+            kind, message = _CLOUD, cloud_message(header, item.data, _FIELDS)
+        elif item.kind == 'jpeg':
             data = np.frombuffer(item.data, np.uint8)
-            picture = store.types[_PICTURE](header=header, format='jpeg', data=data)
-            return _PICTURE, bytes(store.serialize_cdr(picture, _PICTURE))
-        kind = item.kind.removeprefix('cdr:')
-        if not item.kind.startswith('cdr:') or kind not in store.types:
-            raise ValueError
-        message_of(item)  # raises if it is none
-        return kind, item.data
+            kind, message = _PICTURE, store.types[_PICTURE](header, 'jpeg', data)
+        else:
+            kind, message = item.kind.removeprefix('cdr:'), message_of(item)
+        return kind, bytes(store.serialize_cdr(message, kind))
     except (ValueError, TypeError, KeyError):
         raise CodecError(f'an item of {item.topic} is malformed: it is refused') from None
 
@@ -198,14 +186,25 @@ class PageServer:
         self._link, self._command = link, command
         self._key = secrets.token_urlsafe(12)
         self._loop = asyncio.new_event_loop()
+        folder = resources.files('ftp_dent_ros.ground.page')
+        #: What is at each path, and of which type.
+        self._contents: dict[str, tuple[Callable[[], bytes], str]] = {
+            '/': (folder.joinpath('page.html').read_bytes, 'text/html'),
+            '/page.css': (folder.joinpath('page.css').read_bytes, 'text/css'),
+            '/page.js': (folder.joinpath('page.js').read_bytes, 'text/javascript'),
+            '/view.js': (folder.joinpath('view.js').read_bytes, 'text/javascript'),
+            '/picture': (lambda: self.scene.picture, 'image/jpeg'),
+            '/cloud': (lambda: self.scene.cloud, 'application/octet-stream'),
+        }
         app = web.Application(middlewares=[self._guard])
-        for path in _FILES:
-            app.router.add_get(path, self._file)
-        app.router.add_get('/picture', self._picture)
-        app.router.add_get('/cloud', self._cloud)
-        app.router.add_get('/events', self._events)
-        app.router.add_get(_FOXGLOVE, self._foxglove.serve)
-        app.router.add_post('/command/{name}', self._do)
+        app.add_routes(
+            [
+                *(web.get(path, self._content) for path in self._contents),
+                web.get('/events', self._events),
+                web.get(_FOXGLOVE, self._foxglove.serve),
+                web.post('/command/{name}', self._do),
+            ]
+        )
         self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.5)
         host, _, port = address.rpartition(':')
         host = host or '127.0.0.1'
@@ -270,17 +269,9 @@ class PageServer:
             response.set_cookie(self._cookie, self._key, httponly=True, samesite='Strict')
         return response
 
-    async def _file(self, request: web.Request) -> web.Response:
-        name, kind = _FILES[request.path]
-        data = resources.files('ftp_dent_ros.ground.page').joinpath(name).read_bytes()
-        return web.Response(body=data, content_type=kind, charset='utf-8', headers=_HEADERS)
-
-    async def _picture(self, _: web.Request) -> web.Response:
-        data = self.scene.picture
-        return web.Response(body=data, content_type='image/jpeg', headers=_HEADERS)
-
-    async def _cloud(self, _: web.Request) -> web.Response:
-        return web.Response(body=self.scene.cloud, headers=_HEADERS)
+    async def _content(self, request: web.Request) -> web.Response:
+        read, kind = self._contents[request.path]
+        return web.Response(body=read(), content_type=kind, headers=_HEADERS)
 
     async def _do(self, request: web.Request) -> web.Response:
         name = request.match_info['name']
