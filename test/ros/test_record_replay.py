@@ -26,12 +26,12 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.cli.recover import recover
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.ground.commands import Recordings
 from ftp_dent_ros.recording.reader import open_bag, read_messages
-from ftp_dent_ros.recording.recovery import recover
 from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.messages import (
