@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.cloud.ply import read_ply
-from ftp_dent_ros.errors import RefusedFrameError
-from ftp_dent_ros.files import find
 from ftp_dent_ros.pattern.file import read_pattern, write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
@@ -91,20 +89,6 @@ def test_a_photograph_becomes_a_cloud(folder):
     assert fourth.endswith('of the lit area has points') and float(fourth.split('%')[0]) > 95
     assert fifth.endswith('could not be checked'), 'no rim of the frame is in view'
     assert not list(folder.glob('.*'))
-
-
-def test_a_photograph_without_a_stripe_is_refused(folder, photograph):
-    white = np.repeat(photograph[1][..., :1], 3, axis=2)
-    for image, said in (
-        (white // (1, 1, 2), 'the red stripe is not seen'),
-        (white, 'the image is grey'),
-    ):
-        write_image(folder / 'image.png', image.astype(np.uint8))
-        done = run(*words(folder))
-        assert (done.returncode, done.stdout) == (2, '')
-        assert done.stderr.startswith(f'ftp-dent reconstruct: {said}')
-    assert done.stderr.count('\n') == 1
-    assert not (folder / 'cloud.ply').exists()
 
 
 def test_the_options_reach_the_reconstruction(folder, photograph, capsys):
@@ -265,22 +249,3 @@ def test_a_photograph_without_a_point_is_refused_and_nothing_is_written(
 
     monkeypatch.setattr(Reconstructor, 'measure', measure_nothing)
     assert 'gives no point' in refused(folder, capfd)
-
-
-def test_a_photograph_of_mirrored_halves_ends_in_a_sentence():
-    rig = read_rig(find('shipped:rig.yaml'))
-    pattern = read_pattern(find('shipped:pattern.yaml'))
-    panel = Panel(Pose.from_rpy([0.05, 0.07, 0], [0, 0, 0.65]), (-1, 1, -1, 1))
-    photograph = Renderer(rig, pattern.draw()).render(Surface((panel,)))
-    half = photograph[:, photograph.shape[1] // 2 :]
-    mirrored = np.hstack([half[:, ::-1], half])
-    with pytest.raises(RefusedFrameError):
-        Reconstructor(rig, pattern, Settings(stride=4)).measure(mirrored)
-
-
-@pytest.mark.parametrize('suffix', ['.tif', '.jpg'])
-def test_other_formats_are_read(folder, photograph, capsys, suffix):
-    write_image(folder / f'image{suffix}', photograph[1])
-    assert main(words(folder, image=f'image{suffix}')) == 0
-    cloud, _ = read_ply(folder / 'cloud.ply')
-    assert np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 5e-4
