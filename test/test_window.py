@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import struct
@@ -60,15 +61,65 @@ def server(tmp_path):
     process.wait()
 
 
-def start(name, width=320):
-    environment = {**os.environ, 'DISPLAY': name, 'SDL_VIDEODRIVER': 'x11'}
-    environment.pop('WAYLAND_DISPLAY', None)
-    return subprocess.Popen(
+@pytest.fixture
+def compositor(tmp_path):
+    """Starts a Wayland compositor of 320x240 at a scale; its environment."""
+    if not (shutil.which('weston') and shutil.which('weston-screenshooter')):
+        pytest.skip('weston is not installed: the window is not tested under Wayland')
+    pytest.importorskip('sdl2', reason='SDL 2 is not installed: the window is not tested')
+    running = []
+
+    def begin(scale):
+        tmp_path.chmod(0o700)
+        settings = tmp_path / 'weston.ini'
+        settings.write_text('[core]\nidle-time=0\n[shell]\npanel-position=none\nlocking=false\n')
+        command = ['weston', '--backend=headless-backend.so', '--use-pixman', '--debug']
+        command += ['--width=320', '--height=240', f'--scale={scale}', '--socket=wayland-test']
+        environment = {**os.environ, 'XDG_RUNTIME_DIR': str(tmp_path)}
+        for name in ('DISPLAY', 'WAYLAND_DISPLAY'):
+            environment.pop(name, None)
+        running.append(
+            subprocess.Popen(
+                [*command, f'--config={settings}'],
+                env=environment,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+        wait_for(lambda: (tmp_path / 'wayland-test').exists() or running[-1].poll() is not None)
+        if running[-1].poll() is not None:
+            pytest.skip('weston does not start here: the window is not tested under Wayland')
+        return {
+            **environment,
+            'WAYLAND_DISPLAY': 'wayland-test',
+            'SDL_VIDEODRIVER': 'wayland',
+        }
+
+    yield begin
+    for process in running:
+        process.terminate()
+        process.wait()
+
+
+@contextlib.contextmanager
+def shown(environment, width=320):
+    """A process that shows the pattern; what it says of its trouble can be read."""
+    with subprocess.Popen(
         [sys.executable, '-c', SHOW.format(width=width)],
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
-    )
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def on_x11(name):
+    environment = {**os.environ, 'DISPLAY': name, 'SDL_VIDEODRIVER': 'x11'}
+    environment.pop('WAYLAND_DISPLAY', None)
+    return environment
 
 
 def wait_for(condition, seconds=60.0):
@@ -80,26 +131,20 @@ def wait_for(condition, seconds=60.0):
 
 def test_a_screenshot_is_the_pattern_bit_for_bit(server):
     name, pixels = server
-    process = start(name)
-    try:
+    with shown(on_x11(name)) as process:
         assert process.stdout.readline() == '\n'
         wait_for(lambda: (pixels() == PATTERN.draw()).all())
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def test_another_resolution_is_told(server):
-    name, _ = server
-    process = start(name, width=400)
-    try:
+    with shown(on_x11(server[0]), width=400) as process:
         said = process.stdout.readline()
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
     assert 'the display shows 320x240 pixels, the pattern has 400x240' in said
+
+
+def test_a_scaled_desktop_is_told(compositor):
+    with shown(compositor(scale=2)) as process:
+        assert 'set the scale of the desktop to 100 %' in process.stdout.readline()
 
 
 def test_without_a_display_it_says_what_to_do(monkeypatch):
