@@ -1,6 +1,5 @@
 """Clouds as a photograph gives them: a bent skin on a lens's rays, with holes and noise."""
 
-
 import cv2
 import numpy as np
 import pytest

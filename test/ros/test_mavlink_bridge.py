@@ -83,6 +83,11 @@ class Bridge:
         count = len(self.poses)
         self._publish_until(lambda: len(self.poses) > count, frame)
 
+    def refuse(self, reason: str) -> None:
+        """Publish until one more cloud is refused for that."""
+        count = self.number(f'refused: {reason}')
+        self._publish_until(lambda: self.number(f'refused: {reason}') > count)
+
     def _publish_until(self, condition: Callable[[], bool], *arguments: Any) -> None:
         due = 0.0
         self.ros.met_by('mavlink_bridge')

@@ -373,13 +373,13 @@ def test_latched_messages_reach_those_who_come_later(ros, tmp_path):
                 *((words, 'a'), (unwanted, 'x'), (words, 'b')),
             ]
         ):
-            time_ns = index * 10**9
+            time_ns = index * 5 * 10**8
             data = serialize_message(String(data=text))
             writer.write([Message(topic, STRING, time_ns, time_ns, data)])
     heard = Listener(ros, String, words, LONG_BEST_EFFORT)
     ros.node.create_subscription(String, unwanted, pytest.fail, 10)
     topics = ('--topics', pattern, words)
-    player = ros.command('replay', bag, '--start-offset', '2.5', '--rate', '0.5', *topics)
+    player = ros.command('replay', bag, '--start-offset', '1.25', '--rate', '0.5', *topics)
     ros.until(lambda: heard.data)
     late = Listener(ros, String, pattern, LATCHED)
     ros.until(lambda: late.data)
