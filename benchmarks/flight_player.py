@@ -15,8 +15,8 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from flight_replay import VEHICLE, Flight, answer
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from recorded_flight import VEHICLE, Flight, answer
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,10 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
+sys.path[:0] = [str(ROOT)]
 
 from flight_player import Disturbance, FlightPlayer  # noqa: E402
-from flight_replay import Errors, Flight, compare, own_poses  # noqa: E402
+from recorded_flight import Errors, Flight, compare, own_poses  # noqa: E402
 
 from ftp_dent_ros.cloud.cloud import Cloud  # noqa: E402
 from ftp_dent_ros.navigation import frames  # noqa: E402

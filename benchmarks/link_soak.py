@@ -30,10 +30,10 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / 'test'), str(ROOT / 'test' / 'navigation')]
+sys.path[:0] = [str(ROOT)]
 
+from hostile_mavlink import hostile  # noqa: E402
 from hovering_autopilot import HoveringAutopilot, Wire  # noqa: E402
-from test_hostile import hostile  # noqa: E402
 
 from ftp_dent_ros.cloud.cloud import Cloud  # noqa: E402
 from ftp_dent_ros.ros.messages import cloud_to_message, stamp_to_ns  # noqa: E402

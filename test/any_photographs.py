@@ -49,28 +49,11 @@ def _normal(rng: np.random.Generator, base: Image) -> Image:
     return _levels(rng.normal(level, spread, base.shape))
 
 
-def _grey_noise(rng: np.random.Generator, base: Image) -> Image:
-    return np.repeat(_normal(rng, base)[..., :1], 3, axis=2)
-
-
 def _blurred_noise(rng: np.random.Generator, base: Image) -> Image:
     """Grains as wide as fringes are, or wider."""
     white = rng.standard_normal(base.shape).astype(np.float32)
     smooth = cv2.GaussianBlur(white, (0, 0), float(np.exp(rng.uniform(-0.5, 3.5))))
     return _levels(rng.uniform(60, 180) + rng.uniform(5, 80) * smooth / smooth.std())
-
-
-def _salt(rng: np.random.Generator, base: Image) -> Image:
-    image = np.full(base.shape, rng.integers(0, 256), np.uint8)
-    image[rng.random(base.shape[:2]) < rng.uniform(0.001, 0.3)] = 255
-    image[rng.random(base.shape[:2]) < rng.uniform(0.001, 0.3)] = 0
-    return image
-
-
-def _row_noise(rng: np.random.Generator, base: Image) -> Image:
-    """Each row of one level, as a bad readout gives."""
-    rows = rng.normal(rng.uniform(40, 200), 30, (base.shape[0], 1, 3))
-    return _levels(rows + rng.normal(0, 3, base.shape))
 
 
 def _dead(rng: np.random.Generator, base: Image) -> Image:
@@ -85,10 +68,6 @@ def _reddened_noise(rng: np.random.Generator, base: Image) -> Image:
     column = rng.integers(width // 10, width - width // 10)
     image[:, column : column + max(width // 60, 6), 1:] = 0
     return image
-
-
-def _one_colour(rng: np.random.Generator, base: Image) -> Image:
-    return np.broadcast_to(rng.integers(0, 256, 3, np.uint8), base.shape)
 
 
 def _gradient(rng: np.random.Generator, base: Image) -> Image:
@@ -107,21 +86,6 @@ def _text(rng: np.random.Generator, base: Image) -> Image:
         line = ''.join(rng.choice(letters, max(int(width / (16 * scale)), 3)))
         cv2.putText(image, line, (4, row), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 2)
     return image
-
-
-def _shapes(rng: np.random.Generator, base: Image) -> Image:
-    """Patches of colour, as of a room."""
-    height, width = base.shape[:2]
-    image = np.full(base.shape, rng.integers(0, 256, 3, np.uint8), np.uint8)
-    for _ in range(rng.integers(3, 40)):
-        centre = int(rng.integers(width)), int(rng.integers(height))
-        colour = [int(c) for c in rng.integers(0, 256, 3)]
-        if rng.integers(2):
-            cv2.circle(image, centre, int(rng.integers(2, height // 2)), colour, -1)
-        else:
-            corner = int(rng.integers(width)), int(rng.integers(height))
-            cv2.rectangle(image, centre, corner, colour, -1)
-    return _levels(image + rng.normal(0, 2, base.shape))
 
 
 def _other_stripes(rng: np.random.Generator, base: Image) -> Image:
@@ -154,11 +118,6 @@ def _covered(rng: np.random.Generator, base: Image) -> Image:
     return image
 
 
-def _zoomed(rng: np.random.Generator, base: Image) -> Image:
-    part = base[_part(rng, base)]
-    return cv2.resize(part, base.shape[1::-1])
-
-
 def _turned(rng: np.random.Generator, base: Image) -> Image:
     height, width = base.shape[:2]
     by = cv2.getRotationMatrix2D((width / 2, height / 2), rng.uniform(0, 360), rng.uniform(0.5, 2))
@@ -181,14 +140,6 @@ def _tiles(rng: np.random.Generator, base: Image) -> Image:
             k * high : (k + 1) * high, m * wide : (m + 1) * wide
         ]
     return image
-
-
-def _rows(rng: np.random.Generator, base: Image) -> Image:
-    return rng.permutation(base, axis=rng.integers(2))
-
-
-def _channels(rng: np.random.Generator, base: Image) -> Image:
-    return base[..., rng.permutation(3)]
 
 
 def _levelled(rng: np.random.Generator, base: Image) -> Image:
@@ -235,27 +186,19 @@ def _levels(values: NDArray) -> Image:
 KINDS: dict[str, tuple[str, Maker]] = {
     'random bytes': (NOTHING, _bytes),
     'normal noise': (NOTHING, _normal),
-    'grey noise': (NOTHING, _grey_noise),
     'blurred noise': (NOTHING, _blurred_noise),
-    'salt and pepper': (NOTHING, _salt),
-    'row noise': (NOTHING, _row_noise),
     'dark': (NOTHING, _dead),
     'noise with a red stripe': (NOTHING, _reddened_noise),
-    'one colour': (NOTHING, _one_colour),
     'gradient': (NOTHING, _gradient),
     'text': (NOTHING, _text),
-    'patches': (NOTHING, _shapes),
     'other stripes': (NOTHING, _other_stripes),
     'cropped': (TRUE, _cropped),
     'covered': (TRUE, _covered),
     'sunk in noise': (TRUE, _sunk),
     'brighter or darker': (TRUE, _bright),
-    'zoomed': (ANY, _zoomed),
     'turned': (ANY, _turned),
     'flipped': (ANY, _flipped),
     'tiles': (ANY, _tiles),
-    'rows or columns in any order': (ANY, _rows),
-    'channels': (ANY, _channels),
     'levels': (ANY, _levelled),
     'two in one': (ANY, _mixed),
 }

@@ -1,7 +1,5 @@
 """Clouds as a photograph gives them: a bent skin on a lens's rays, with holes and noise."""
 
-import struct
-
 import cv2
 import numpy as np
 import pytest
@@ -48,12 +46,3 @@ def view() -> RayGrid:
 @pytest.fixture(scope='session')
 def cloud(view: RayGrid) -> Cloud:
     return skin(view)
-
-
-def depths_of(data: bytes) -> np.ndarray:
-    """Depths of a compressedDepth PNG, shape (rows, columns), metres; NaN for none."""
-    kind, scale, start = struct.unpack_from('<iff', data)
-    steps = cv2.imdecode(np.frombuffer(data, np.uint8, offset=12), cv2.IMREAD_UNCHANGED)
-    assert kind == 1 and steps.dtype == np.uint16
-    with np.errstate(divide='ignore', invalid='ignore'):
-        return np.where(steps > 0, scale / (steps.astype(float) - start), np.nan)

@@ -24,10 +24,7 @@ def fit(tmp_path, text):
     ('node', 'parameters', 'sentence'),
     [
         ('reconstruction', 'rigg: shipped:rig.yaml', 'no parameter rigg: did you mean rig?'),
-        ('reconstruction', 'strid: 2', 'no parameter strid: did you mean stride?'),
-        ('pattern_publisher', 'displayy.enabled: true', 'did you mean display.enabled?'),
         ('pattern_publisher', 'displayy: {enabled: true}', 'did you mean display.enabled?'),
-        ('camera_capture', 'device.exposur: 0.1', 'did you mean device.exposure?'),
         ('mavlink_bridge', 'adress: udpin:14550', 'no parameter adress: did you mean address?'),
         ('dent_inspector', 'zzz: 1', 'there are always, '),
         ('simulated_autopilot', 'start: 5', 'no parameter start: did you mean start_ns?'),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import struct
@@ -100,19 +101,25 @@ def compositor(tmp_path):
         process.wait()
 
 
-def start(name, width=320):
-    environment = {**os.environ, 'DISPLAY': name, 'SDL_VIDEODRIVER': 'x11'}
-    environment.pop('WAYLAND_DISPLAY', None)
-    return shown(environment, width)
-
-
+@contextlib.contextmanager
 def shown(environment, width=320):
-    return subprocess.Popen(
+    """A process that shows the pattern; what it says of its trouble can be read."""
+    with subprocess.Popen(
         [sys.executable, '-c', SHOW.format(width=width)],
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
-    )
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def on_x11(name):
+    environment = {**os.environ, 'DISPLAY': name, 'SDL_VIDEODRIVER': 'x11'}
+    environment.pop('WAYLAND_DISPLAY', None)
+    return environment
 
 
 def wait_for(condition, seconds=60.0):
@@ -124,36 +131,20 @@ def wait_for(condition, seconds=60.0):
 
 def test_a_screenshot_is_the_pattern_bit_for_bit(server):
     name, pixels = server
-    process = start(name)
-    try:
+    with shown(on_x11(name)) as process:
         assert process.stdout.readline() == '\n'
         wait_for(lambda: (pixels() == PATTERN.draw()).all())
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def test_another_resolution_is_told(server):
-    name, _ = server
-    process = start(name, width=400)
-    try:
+    with shown(on_x11(server[0]), width=400) as process:
         said = process.stdout.readline()
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
     assert 'the display shows 320x240 pixels, the pattern has 400x240' in said
 
 
 def test_a_scaled_desktop_is_told(compositor):
-    process = shown(compositor(scale=2))
-    try:
+    with shown(compositor(scale=2)) as process:
         assert 'set the scale of the desktop to 100 %' in process.stdout.readline()
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def test_without_a_display_it_says_what_to_do(monkeypatch):

@@ -21,8 +21,15 @@ from ftp_dent_ros.demonstration.appraisal import (
     appraise_dents,
     appraise_skin,
 )
-from ftp_dent_ros.demonstration.flight import FlightError, fly, render_ahead, simulation_parameters
-from ftp_dent_ros.demonstration.results import BOUNDS, summary_of, write_results
+from ftp_dent_ros.demonstration.flight import (
+    BOUNDS,
+    FlightError,
+    fly,
+    render_ahead,
+    simulation_parameters,
+    summary_of,
+    write_results,
+)
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.inspection.measuring.inspection import inspect

@@ -22,9 +22,9 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from ftp_dent_ros.capture.device import DeviceSource, open_device
-from ftp_dent_ros.capture.files import FileSource
 from ftp_dent_ros.capture.source import (
     ExposureClock,
+    FileSource,
     Frame,
     RenderedSource,
     SimulatedSource,

@@ -42,6 +42,15 @@ DIAGNOSTICS = QoSProfile(depth=10)
 OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 
 
+def quality(reliable: bool, latched: bool, depth: int) -> QoSProfile:
+    """Quality of service of a publisher or a subscription."""
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
 class AnySubscription:
     """A subscription to images, reliable unless a publisher is best effort (REP 2003).
 

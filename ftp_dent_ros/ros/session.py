@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -13,12 +14,17 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.errors import ConfigurationError, printable
 from ftp_dent_ros.ros.qos import DIAGNOSTICS
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.configuration import NodeEntry
 from ftp_dent_ros.supervision.executables import NODES
 from ftp_dent_ros.supervision.processes import stop_event_meanwhile
+
+
+def say(text: str) -> None:
+    """Tell the user a line."""
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 @contextmanager

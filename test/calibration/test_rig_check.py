@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.calibration.rig_check import AXES, CheckAside, adjusted, check, judged, turned
+from ftp_dent_ros.calibration.rig_check import AXES, CheckAside, adjusted, check, turned
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.files import config_folder
@@ -138,15 +138,6 @@ def test_the_command_checks_and_adjusts_but_overwrites_nothing(
     assert main([*command, '--rig', str(bad), '--adjust', str(new)]) == 2
     assert 'never overwritten' in capsys.readouterr().err
     assert new.read_bytes() == before
-
-
-def test_a_scale_told_by_few_needs_more_to_be_sure(rig, pattern):
-    turn, middle = np.array([0.0, 0.002, 0.0]), np.array([0.0, 0.0, 0.75])
-    covariance = np.diag([1e-8, (0.002 / 5) ** 2, 1e-8])
-    bare = replace(rig, record=None)
-    assert judged(bare, pattern, turn, covariance, middle).moved == ('yaw',)
-    assert judged(bare, pattern, turn, covariance, middle, 104).moved == ('yaw',)
-    assert judged(bare, pattern, turn, covariance, middle, 16).moved == ()
 
 
 def test_a_check_aside_says_what_the_check_says(rig, pattern, wall):

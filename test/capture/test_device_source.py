@@ -175,17 +175,6 @@ def test_a_faster_camera_is_thinned_regularly():
     assert set(np.diff(chosen)) == {3}
 
 
-def test_a_rate_that_does_not_divide_the_cameras_is_kept_on_average():
-    assert abs(len(due_frames(7.0, int(1e9 / 30), 3001)) - 700) <= 7
-
-
-def test_after_a_stall_frames_do_not_come_in_a_burst():
-    due = _Due(10.0)
-    stamps = [*range(1, 11), *range(100, 130)]
-    chosen = [n for n in stamps if due.at(n * 33_333_333)]
-    assert min(np.diff(chosen)) >= 2
-
-
 SETTINGS = DeviceSettings(path='/dev/video99', width=1280, height=720)
 
 

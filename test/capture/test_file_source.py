@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.capture.files import FileSource, find_images
+from ftp_dent_ros.capture.source import FileSource, find_images
 from ftp_dent_ros.errors import ConfigurationError, ImageError
 
 SIZE = (64, 48)
@@ -40,29 +40,8 @@ def test_a_folder_is_read_in_the_order_of_its_numbers(folder):
     assert files.finished
 
 
-def test_an_image_is_rgb_and_stamped_when_it_is_read(folder):
-    files = source(folder)
-    first, second = files.shoot(), files.shoot()
-    assert first is not None and second is not None
-    assert (
-        first.photograph.pixels.shape == (48, 64, 3) and first.photograph.pixels.dtype == np.uint8
-    )
-    assert first.photograph.pixels[0, 0].tolist() == [1, 20, 10]
-    assert (first.stamp_ns, second.stamp_ns) == (1000, 1001)
-
-
-def test_after_the_last_comes_the_first_again(folder):
-    files = source(folder, loop=True)
-    assert reds(files, 7) == [1, 2, 10, 1, 2, 10, 1]
-    assert not files.finished
-
-
 def test_a_pattern_of_names_chooses(folder):
     assert reds(source(folder / 'shot1*.png'), 3) == [1, 10, None]
-
-
-def test_one_image_is_enough(folder):
-    assert reds(source(folder / 'shot2.png', loop=True), 2) == [2, 2]
 
 
 def test_a_grey_or_deep_image_is_taken_as_rgb(tmp_path):
@@ -102,14 +81,6 @@ def test_wrong_files_are_refused_by_name_and_the_next_one_comes(folder):
         with pytest.raises(ImageError, match=f'{name}.*{sentence}'):
             files.shoot()
     assert reds(files, 2) == [10, None]
-
-
-def test_a_file_that_goes_away_is_refused(folder):
-    files = source(folder)
-    (folder / 'shot1.png').unlink()
-    with pytest.raises(ImageError, match='shot1'):
-        files.shoot()
-    assert reds(files, 1) == [2]
 
 
 def test_a_video_that_is_none_is_refused(tmp_path):

@@ -26,17 +26,6 @@ def test_without_a_pattern_there_is_no_photograph():
         source().shoot()
 
 
-def test_a_photograph_is_of_its_stamp_and_of_what_is_projected_then():
-    camera = source()
-    camera.project(np.full((2, 2, 3), 1, np.uint8), 0)
-    first = camera.shoot()
-    camera.project(np.full((2, 2, 3), 2, np.uint8), 1001)
-    second = camera.shoot()
-    assert (first.stamp_ns, second.stamp_ns) == (1000, 1001)
-    assert first.photograph.pixels[0, 0, 0] == 1 + 1000 % 256
-    assert second.photograph.pixels[0, 0, 0] == 2 + 1001 % 256
-
-
 def test_a_pattern_of_another_size_is_refused():
     camera = source()
     camera.project(np.zeros((3, 2, 3), np.uint8), 0)

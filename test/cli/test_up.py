@@ -84,20 +84,17 @@ def test_dry_run_prints_the_commands(tmp_path, capsys, monkeypatch):
         ('{}', 'names no node'),
         ('/**: {ros__parameters: {}}', 'names no node'),
         ('[1, 2]', 'holds no mapping'),
+        (None, 'no such file'),
     ],
 )
 def test_a_wrong_configuration_is_one_line(tmp_path, capsys, text, words):
     path = tmp_path / 'payload.yaml'
-    path.write_text(text)
+    if text:
+        path.write_text(text)
     assert main.main(['up', str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f'ftp-dent up: {path}: ')
     assert words in line
-
-
-def test_a_missing_configuration_is_one_line(capsys):
-    assert main.main(['up', 'nowhere.yaml']) == 2
-    assert 'ftp-dent up: nowhere.yaml: no such file' in capsys.readouterr().err
 
 
 class Terminal:
@@ -111,12 +108,14 @@ class Terminal:
         pass
 
 
-def test_log_names_each_line():
+def test_log_names_each_line_and_its_files_have_the_lines_alone(tmp_path):
     terminal = Terminal(is_one=False)
-    with ProcessLog(['reconstruction', 'a/b'], terminal=terminal) as log:
+    with ProcessLog(['reconstruction', 'a/b'], tmp_path / 'log', terminal) as log:
         log.show('a/b', 'text')
         log.say('hello')
     assert terminal.text == '           a/b | text\n            up | hello\n'
+    assert (tmp_path / 'log' / 'a.b.log').read_text() == 'text\n'
+    assert (tmp_path / 'log' / 'reconstruction.log').read_text() == ''
 
 
 def test_log_is_coloured_on_a_terminal_only():
@@ -124,14 +123,6 @@ def test_log_is_coloured_on_a_terminal_only():
     with ProcessLog(['a'], terminal=terminal) as log:
         log.show('a', 'text')
     assert terminal.text == '\033[36m a |\033[0m text\n'
-
-
-def test_log_files_have_the_lines_alone(tmp_path):
-    terminal = Terminal(is_one=False)
-    with ProcessLog(['left/a', 'b'], tmp_path / 'log', terminal) as log:
-        log.show('left/a', 'text')
-    assert (tmp_path / 'log' / 'left.a.log').read_text() == 'text\n'
-    assert (tmp_path / 'log' / 'b.log').read_text() == ''
 
 
 def test_log_folder_that_cannot_be_made(tmp_path):

@@ -17,8 +17,8 @@ from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection
 from ftp_dent_ros.dents.rules import Limit, Rules
-from ftp_dent_ros.errors import CloudError, ConfigurationError
-from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud, viewpoint_of
+from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud
 from ftp_dent_ros.inspection.page import (
     facts_of,
     on_grid,
@@ -159,25 +159,6 @@ def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path
     assert frames[0]['pose']['covariance'][0] == 1e-4
 
 
-def test_clouds_without_poses_share_no_dents():
-    clouds = CloudInspector(TrueInspector(SKIN), 2, placed=False)
-    for name in 'ab':
-        clouds.add(SeenCloud(name, cloud_of(SKIN)))
-    report = clouds.report('bag', 'camera_optical_frame', rules=RULES)
-    assert [entry.number for entry in sorted(report.dents, key=lambda e: e.number)] == [1, 2, 3, 4]
-    assert all(len(entry.sightings) == 1 for entry in report.dents)
-    assert len(report.findings()) == 4
-
-
-def test_a_cloud_that_cannot_be_inspected_is_named_with_its_reason():
-    def inspect(cloud, **_):
-        raise CloudError('all NaN: light it')
-
-    clouds = CloudInspector(inspect)
-    assert clouds.add(SeenCloud('third', cloud_of(SKIN))) is None
-    assert clouds.report('x', 'y').refused == ('third: all NaN: light it',)
-
-
 @pytest.mark.parametrize('stride', [1, 2])
 def test_outlines_are_drawn_where_the_camera_sees_them(stride):
     clouds = CloudInspector(TrueInspector(SKIN))
@@ -193,23 +174,6 @@ def test_outlines_are_drawn_where_the_camera_sees_them(stride):
     # Without a rig the cloud's grid tells, but for the depth of the dent.
     np.testing.assert_allclose(on_photograph(outline, place, view, None), true, atol=0.5)
     np.testing.assert_allclose(place * stride, true, atol=0.5)
-
-
-def test_a_map_cloud_is_looked_at_from_its_cameras_side():
-    pose = Pose.from_rpy((0.4, 1.0, -2.0), (9, -4, 2))
-    cloud = cloud_of(SKIN).transformed(pose)
-    viewpoint = viewpoint_of(cloud)
-    surface = SKIN.transformed(pose)
-    assert surface.distance(viewpoint) < 0 and surface.distance(pose.translation) < 0
-    # A single line of points has no side.
-    line = Cloud(cloud.points[:1], cloud.intensity[:1])
-    np.testing.assert_array_equal(viewpoint_of(line), 0)
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path, report):
-    (tmp_path / 'file').write_text('mine')
-    with pytest.raises(ConfigurationError, match='name another folder'):
-        write_report(tmp_path / 'file', report)
 
 
 def test_a_full_disk_leaves_no_file_of_a_report(tmp_path, report, monkeypatch):

@@ -54,17 +54,13 @@ def test_what_is_mounted_on_a_vehicle_moves_with_it() -> None:
     root, mount_root = 1e-3 * rng.normal(size=(2, 6, 6))
     told = pose_covariance.of_mounted(root @ root.T, pose, mount, mount_root @ mount_root.T)
     # Many poses drawn as the covariances say, each composed.
-    true, errors = pose @ mount, []
-    for _ in range(4000):
-        off, on_it = root @ rng.normal(size=6), mount_root @ rng.normal(size=6)
-        moved = _moved(pose, off) @ _moved(mount, on_it)
-        turned = (moved.rotation * true.rotation.inv()).as_rotvec()
-        errors.append([*(moved.translation - true.translation), *turned])
-    assert_allclose(np.cov(np.transpose(errors)), told, atol=0.06 * np.abs(told).max())
-
-
-def _moved(pose: Pose, off: np.ndarray) -> Pose:
-    return Pose(Rotation.from_rotvec(off[3:]) * pose.rotation, pose.translation + off[:3])
+    true = pose @ mount
+    off, on_it = (each @ rng.normal(size=(6, 4000)) for each in (root, mount_root))
+    turn = Rotation.from_rotvec(off[3:].T) * pose.rotation
+    places = pose.translation + off[:3].T + turn.apply(mount.translation + on_it[:3].T)
+    turned = turn * Rotation.from_rotvec(on_it[3:].T) * mount.rotation * true.rotation.inv()
+    errors = np.hstack([places - true.translation, turned.as_rotvec()])
+    assert_allclose(np.cov(errors.T), told, atol=0.06 * np.abs(told).max())
 
 
 def test_a_doubtful_clock_is_doubt_along_the_way() -> None:

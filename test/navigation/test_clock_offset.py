@@ -87,7 +87,7 @@ def answers(wire: Wire, stamp: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize('by_ms', [-150, -20, 20, 60, 150])
+@pytest.mark.parametrize('by_ms', [-150, 20, 60])
 def test_a_step_is_followed_and_nothing_is_said_of_the_time_around_it(by_ms: int) -> None:
     at = START + 3 * SECOND + 43 * MILLISECOND
     wire = Wire(stepping(at, by_ms * MILLISECOND), clean).run(6)
@@ -134,18 +134,6 @@ def test_an_answer_that_was_overtaken_is_not_taken() -> None:
     clock.answer(steady(second), second, second + MILLISECOND)
     clock.answer(steady(first), first, second + 2 * MILLISECOND)
     assert clock.answers == 1
-
-
-def test_a_reboot_is_told_and_starts_anew() -> None:
-    wire = Wire(steady, clean).run(3)
-    # It has been up as long as before when it is heard again.
-    wire.vehicle = lambda now: now - START - 3 * SECOND + 500 * SECOND
-    wire.run(2)
-    assert wire.restarts == 1
-    assert wire.clock.restarts == 1
-    assert wire.error(wire.now - SECOND) == 0
-    with pytest.raises(PoseError):
-        wire.clock.boot_time(START + 2 * SECOND)
 
 
 def test_times_that_are_not_of_this_flight_are_told_apart() -> None:

@@ -77,13 +77,6 @@ def test_a_stamp_needs_two_good_reports_around_it() -> None:
     assert Reports((10, True)).reason(10.2, 10.3) == ('estimator report awaited', True)
 
 
-def test_one_that_stopped_reporting_is_not() -> None:
-    reports = Reports((10, True), (20, True))
-    assert reports.reason(15, 20) == ('estimator not reported', False)
-    assert reports.state(21) == 'ready'
-    assert reports.state(24) == 'not reported'
-
-
 @pytest.mark.parametrize('rate', [1, 5, 10])
 def test_ratios_that_stand_still_are_found_within_a_second_or_two_reports(rate: int) -> None:
     reports = Reports()

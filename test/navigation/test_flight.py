@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flight_replay import VEHICLE, Flight, Outcome, compare, own_poses, replay
+from recorded_flight import VEHICLE, Flight, Outcome, compare, own_poses, replay
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.navigation import frames

@@ -256,13 +256,3 @@ def test_it_knows_who_is_on_the_link(connect) -> None:
 def test_a_malformed_address_is_refused(address: str) -> None:
     with pytest.raises(ConfigurationError, match='udpin:HOST:PORT'):
         Link(address, 115200, VehicleSettings())
-
-
-def test_closing_ends_the_thread_and_frees_the_port() -> None:
-    port = free_port()
-    subject = Subject(f'udpin:{LOCAL}:{port}')
-    subject.until(subject.is_open)
-    subject.link.close()
-    assert 'mavlink' not in {thread.name for thread in threading.enumerate()}
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
-        end.bind((LOCAL, port))

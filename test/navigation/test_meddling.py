@@ -40,7 +40,7 @@ def test_round_trips_that_are_too_long_name_the_remedy() -> None:
                 world.pose_at(0.5)
 
 
-@pytest.mark.parametrize('step', [0.3, 4.1, -0.3, -4.1, 3600.0, -3600.0])
+@pytest.mark.parametrize('step', [0.3, -4.1, 3600.0])
 @pytest.mark.parametrize('at', ['between exchanges', 'in an exchange'])
 def test_a_step_of_the_computers_clock_is_called_that(step: float, at: str) -> None:
     world = World(VehicleSettings(maximum_clock_error=0.02))

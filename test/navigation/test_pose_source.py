@@ -22,7 +22,7 @@ from test_vehicle import (
 
 from ftp_dent_ros.errors import PoseError
 
-LOCAL, BODY = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD
+LOCAL = mavlink.MAV_FRAME_LOCAL_NED
 VARIANCES = [0.01, 0.02, 0.04, 1e-4, 2e-4, 4e-4]
 
 

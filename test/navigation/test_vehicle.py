@@ -167,9 +167,8 @@ def test_a_cloud_gets_the_pose_at_its_stamp() -> None:
     world = World().run(10)
     stamp = world.now - 755 * MS
     pose = world.vehicle.tag_at(stamp, world.at).pose
-    assert_allclose(
-        pose.translation, [0, (stamp - START) / S, 5], atol=2e-3
-    )  # stamps are whole ms
+    # Stamps are whole milliseconds.
+    assert_allclose(pose.translation, [0, (stamp - START) / S, 5], atol=2e-3)
     assert_allclose(pose.rotation.apply([1, 0, 0]), [1, 0, 0], atol=1e-6)
     assert world.verdict() == 'believing the autopilot 1/1'
 

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bag_samples import string_data, topic
+from bag_samples import (
+    CLOUD,
+    IMAGE,
+    LOCATED,
+    SECOND,
+    cloud_message,
+    data_of,
+    image,
+    located,
+    place,
+    string_data,
+    topic,
+)
 from dent_samples import DENTED, noisy_cloud
 
 from ftp_dent_ros.errors import BagError, CloudError
@@ -13,14 +25,12 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.clouds import bag_clouds, count_clouds
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, typestore
+from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.simulation.truth import true_dents
 
 CAMERA_POSE = Pose.from_rpy((-1.6, 0.1, -1.5), (20.0, -8.0, 3.0))
 BASE_POSE = Pose.from_rpy((0.0, 0.1, 0.1), (19.9, -8.0, 3.0))
-IMAGE, CLOUD = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/PointCloud2'
-LOCATED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 TYPES = {
     '/camera/image_raw': IMAGE,
     '/points': CLOUD,
@@ -28,52 +38,27 @@ TYPES = {
     '/tagged/points': CLOUD,
     '/skin': IMAGE,
 }
-SECOND = 1_000_000_000
-
-
-def header(stamp_ns, frame_id):
-    types = typestore().types
-    stamp = types['builtin_interfaces/msg/Time'](stamp_ns // SECOND, stamp_ns % SECOND)
-    return types['std_msgs/msg/Header'](stamp, frame_id)
-
-
-def serialised(type_name, *fields):
-    store = typestore()
-    return bytes(store.serialize_cdr(store.types[type_name](*fields), type_name))
 
 
 def cloud_data(cloud, stamp_ns, frame_id, width=None):
-    field = typestore().types['sensor_msgs/msg/PointField']
     names = ('x', 'y', 'z', 'intensity')
-    values = np.dstack([cloud.points, cloud.intensity]).astype('<f4')
-    rows, columns = cloud.intensity.shape
-    fields = [field(name, 4 * k, 7, 1) for k, name in enumerate(names)]
-    data = values.reshape(-1).view(np.uint8)
-    size = (rows, columns if width is None else width)
-    return serialised(
-        CLOUD, header(stamp_ns, frame_id), *size, fields, False, 16, 16 * columns, data, False
-    )
+    return data_of(cloud_message(stamp_ns, frame_id, cloud, names, width), CLOUD)
 
 
-def pose_data(stamp_ns, quaternion=None, covariance=1e-4):
-    types = typestore().types
-    turn = BASE_POSE.quaternion if quaternion is None else quaternion
-    pose = types['geometry_msgs/msg/Pose'](
-        types['geometry_msgs/msg/Point'](*map(float, BASE_POSE.translation)),
-        types['geometry_msgs/msg/Quaternion'](*map(float, turn)),
-    )
-    values = np.where(np.eye(6), covariance, 0.0).ravel()
-    located = types['geometry_msgs/msg/PoseWithCovariance'](pose, values)
-    return serialised(LOCATED, header(stamp_ns, 'map'), located)
+def image_data(pixels, encoding, stamp_ns=7):
+    return data_of(image(stamp_ns, 'eye', pixels, encoding), IMAGE)
+
+
+def pose_data(stamp_ns, quaternion=BASE_POSE.quaternion, covariance=1e-4):
+    pose = place(BASE_POSE.translation, quaternion)
+    return located(stamp_ns, pose, np.where(np.eye(6), covariance, 0.0))
 
 
 def parts(stamp_ns=7, seed=1):
     cloud = noisy_cloud(seed=seed)
-    image = np.full((240, 320, 3), 80, np.uint8)
+    photograph = np.full((240, 320, 3), 80, np.uint8)
     return {
-        '/camera/image_raw': serialised(
-            IMAGE, header(stamp_ns, 'eye'), 240, 320, 'rgb8', 0, 960, image.ravel()
-        ),
+        '/camera/image_raw': image_data(photograph, 'rgb8', stamp_ns),
         '/points': cloud_data(cloud, stamp_ns, 'eye'),
         '/tagged/pose': pose_data(stamp_ns),
         '/tagged/points': cloud_data(cloud.transformed(CAMERA_POSE), stamp_ns, 'map'),
@@ -113,18 +98,15 @@ def test_a_tagged_cloud_comes_with_its_pose_and_photograph(recorded):
 
 def test_a_cloud_comes_with_the_image_of_its_skin(recorded):
     skin = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    data = serialised(IMAGE, header(7, 'eye'), 3, 4, 'mono8', 0, 4, skin.ravel())
-    (item,) = bag_clouds(recorded(('/skin', data), *parts().items()))
+    (item,) = bag_clouds(recorded(('/skin', image_data(skin, 'mono8')), *parts().items()))
     np.testing.assert_array_equal(item.skin, skin)
     # One of another size is none of the cloud's.
     assert not item.cloud.skin.any()
     (item,) = bag_clouds(recorded(*parts().items()))
     assert item.skin is None
-    rows, columns = item.cloud.valid.shape
-    skin = np.arange(rows * columns).astype(np.uint8)
-    data = serialised(IMAGE, header(7, 'eye'), rows, columns, 'mono8', 0, columns, skin)
-    (item,) = bag_clouds(recorded(('/skin', data), *parts().items()))
-    np.testing.assert_array_equal(item.cloud.skin, skin.reshape(rows, columns))
+    skin = np.arange(item.cloud.valid.size).astype(np.uint8).reshape(item.cloud.valid.shape)
+    (item,) = bag_clouds(recorded(('/skin', image_data(skin, 'mono8')), *parts().items()))
+    np.testing.assert_array_equal(item.cloud.skin, skin)
 
 
 @pytest.mark.parametrize('topics', [{'/points'}, {'/tagged/points', '/tagged/pose'}])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from bag_samples import START_NS, topic
+from bag_samples import SECOND, START_NS, header, made, serialised, topic
 
 from ftp_dent_ros.cloud.coverage import UNTIED, Coverage
 from ftp_dent_ros.recording.clouds import NOTED_STAMP, coverages_of, rig_id_of
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, typestore
+from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
 
 ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -15,15 +15,10 @@ DIAGNOSTICS = topic('/diagnostics', ARRAY)
 
 
 def diagnostics(seconds: int, **told: str) -> Message:
-    store = typestore()
-    types = store.types
-    stamp = types['builtin_interfaces/msg/Time'](seconds, 0)
-    pair = types['diagnostic_msgs/msg/KeyValue']
-    values = [pair(name, value) for name, value in told.items()]
-    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, 'reconstruction', '', '', values)
-    array = types[ARRAY](types['std_msgs/msg/Header'](stamp, ''), [status])
+    values = [made('diagnostic_msgs/msg/KeyValue', name, value) for name, value in told.items()]
+    status = made('diagnostic_msgs/msg/DiagnosticStatus', 0, 'reconstruction', '', '', values)
+    data = serialised(ARRAY, header(SECOND * seconds, ''), [status])
     time_ns = START_NS + seconds
-    data = bytes(store.serialize_cdr(array, ARRAY))
     return Message('/diagnostics', ARRAY, time_ns, time_ns, data, seconds)
 
 

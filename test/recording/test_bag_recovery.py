@@ -1,19 +1,14 @@
 import io
-import itertools
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from bag_samples import START_NS, sample_messages, write_sample
+from bag_samples import sample_messages, write_sample
 from mcap.reader import SeekingReader
 from rosbags.rosbag2 import Reader
 
+from ftp_dent_ros.cli.recover import recover
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import open_bag, read_messages
-from ftp_dent_ros.recording.recovery import recover
 
 MESSAGES = sample_messages(14)
 
@@ -124,42 +119,3 @@ def test_a_disk_too_small_for_the_new_bag(tmp_path, small_disk):
     with pytest.raises(BagError, match=f'^{small_disk}/new: cannot be written .No space'):
         recover(tmp_path / 'bag', small_disk / 'new')
     assert list(small_disk.iterdir()) == []
-
-
-WRITE_FOREVER = """
-import sys
-from itertools import count
-from pathlib import Path
-sys.path[:0] = sys.argv[2:]
-from bag_samples import START_NS, STRING, WORDS, string_data
-from ftp_dent_ros.recording.writer import BagSpool
-from ftp_dent_ros.recording.topic import Message
-from ftp_dent_ros.recording.writer import BagWriter
-
-writer = BagWriter(Path(sys.argv[1]))
-writer.add_topic(WORDS)
-spool = BagSpool(writer, 10_000_000)
-for number in count():
-    data = string_data(f'{number:7d}' + 'x' * (number * 7919 % 50_000))
-    while not spool.put(Message('/words', STRING, START_NS + number, START_NS, data)):
-        pass
-    print(writer.message_count, flush=True)
-"""
-
-
-@pytest.mark.parametrize('at', [1, 200, 1500])
-def test_a_writer_killed_at_any_moment_has_lost_nothing_that_it_counted(tmp_path, at):
-    here = Path(__file__).resolve()
-    command = [sys.executable, '-c', WRITE_FOREVER, str(tmp_path / 'bag')]
-    with subprocess.Popen(
-        [*command, str(here.parent), str(here.parents[2])], stdout=subprocess.PIPE, text=True
-    ) as process:
-        counted = next(int(line) for line in process.stdout if int(line) >= at)
-        os.kill(process.pid, signal.SIGKILL)
-        counted = max([counted, *(int(line) for line in process.stdout if line.endswith('\n'))])
-    recovery = recover(tmp_path / 'bag', tmp_path / 'new')
-    assert recovery.message_counts['/words'] >= counted >= at
-    for number, message in zip(itertools.count(), read_messages(tmp_path / 'new')):
-        assert message.log_time_ns == START_NS + number
-        assert int(message.data[8:15]) == number
-        assert len(message.data) == 4 + 4 + 7 + number * 7919 % 50_000 + 1

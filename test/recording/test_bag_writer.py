@@ -1,4 +1,3 @@
-import pytest
 import yaml
 from bag_samples import (
     POSE,
@@ -6,18 +5,11 @@ from bag_samples import (
     STRING,
     WORDS,
     sample_messages,
-    string_data,
     write_sample,
 )
 from mcap.reader import NonSeekingReader, SeekingReader
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
-
-from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.reader import read_messages
-from ftp_dent_ros.recording.recovery import recover
-from ftp_dent_ros.recording.topic import Message
-from ftp_dent_ros.recording.writer import BagWriter
 
 STRING_HASH = 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
@@ -120,19 +112,3 @@ def test_the_file_alone_says_all_that_rosbag2_asks_it(tmp_path):
     # An index of each message, by which rosbag2 sorts by time.
     assert [len(each.message_index_offsets) for each in summary.chunk_indexes] == [2, 2, 2, 1]
     assert all(each.message_index_length for each in summary.chunk_indexes)
-
-
-def test_a_full_disk_is_one_sentence_and_loses_nothing_that_was_written(small_disk, tmp_path):
-    written = 0
-    writer = BagWriter(small_disk / 'bag')
-    writer.add_topic(WORDS)
-    with pytest.raises(BagError, match=r'^\S+/bag: cannot be written .No space'):
-        for count in range(100_000):
-            data = string_data(f'{count:7d}' + 'x' * 3000)
-            writer.write([Message('/words', STRING, START_NS + count, START_NS, data)])
-            written = count + 1
-    assert written > 250
-    recovery = recover(small_disk / 'bag', tmp_path / 'new')
-    assert (recovery.message_counts, recovery.cut) == ({'/words': written}, {})
-    numbers = [int(message.data[8:15]) for message in read_messages(tmp_path / 'new')]
-    assert numbers == list(range(written))

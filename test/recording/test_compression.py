@@ -4,6 +4,7 @@ import pytest
 pytest.importorskip('mcap', reason='mcap is not installed: no bags are tested')
 pytest.importorskip('rosbags', reason='rosbags is not installed: no bags are compressed')
 
+from bag_samples import CLOUD, IMAGE, SECOND, cloud_message, data_of, header, image, made, topic
 from skins import skin
 
 from ftp_dent_ros.coding.cloud_codec import RayGrid
@@ -12,59 +13,27 @@ from ftp_dent_ros.coding.messages import CLOUD_FIELDS, cloud_from_message
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.compression import CompressedBagWriter, decoded
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import (
-    Message,
-    Qos,
-    RecordedTopic,
-    find_definition,
-    type_hash,
-    typestore,
-)
+from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic
 from ftp_dent_ros.rig.rig import Lens
 
-CLOUD, IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
 INFO, TEXT = 'sensor_msgs/msg/CameraInfo', 'std_msgs/msg/String'
 
 
-def made(kind, **values):
-    return typestore().types[kind](**values)
+STAMP_NS = 5 * SECOND + 7
 
 
-def header(frame='camera', second=5):
-    return made(
-        'std_msgs/msg/Header',
-        stamp=made('builtin_interfaces/msg/Time', sec=second, nanosec=7),
-        frame_id=frame,
-    )
+def sent(cloud, frame='camera', names=CLOUD_FIELDS):
+    return cloud_message(STAMP_NS, frame, cloud, names)
 
 
-def cloud_message(cloud, frame='camera', names=CLOUD_FIELDS):
-    rows, columns = cloud.intensity.shape
-    values = np.empty((rows, columns, len(names)), '<f4')
-    values[..., :3] = cloud.points
-    for index, name in enumerate(names[3:], start=3):
-        values[..., index] = getattr(cloud, name)
-    fields = [
-        made('sensor_msgs/msg/PointField', name=name, offset=4 * i, datatype=7, count=1)
-        for i, name in enumerate(names)
-    ]
-    step = 4 * len(names)
-    return made(CLOUD, header=header(frame), height=rows, width=columns, fields=fields,
-                is_bigendian=False, point_step=step, row_step=step * columns,
-                data=values.reshape(-1).view(np.uint8), is_dense=False)  # fmt: skip
-
-
-def image_message(image, encoding='rgb8'):
-    height, width = image.shape[:2]
-    return made(IMAGE, header=header(), height=height, width=width, encoding=encoding,
-                is_bigendian=0, step=image[0].nbytes,
-                data=image.reshape(-1).view(np.uint8))  # fmt: skip
+def image_message(pixels, encoding='rgb8'):
+    return image(STAMP_NS, 'camera', pixels, encoding)
 
 
 def info_message(lens):
     return made(
         INFO,
-        header=header(),
+        header=header(STAMP_NS, 'camera'),
         height=lens.height,
         width=lens.width,
         distortion_model='plumb_bob',
@@ -74,21 +43,17 @@ def info_message(lens):
         p=np.zeros(12),
         binning_x=0,
         binning_y=0,
-        roi=made('sensor_msgs/msg/RegionOfInterest', x_offset=0, y_offset=0, height=0, width=0,
-                 do_rectify=False),
-    )  # fmt: skip
+        roi=made('sensor_msgs/msg/RegionOfInterest', 0, 0, 0, 0, False),
+    )
 
 
 def recorded(folder, messages):
     """Bag of (topic, type, message), compressed."""
     with CompressedBagWriter(folder) as writer:
         for name, kind, _ in messages:
-            code = type_hash(kind)
-            writer.add_topic(
-                RecordedTopic(name, kind, code, (Qos('best_effort'),), find_definition(kind, code))
-            )
+            writer.add_topic(topic(name, kind, Qos('best_effort')))
         writer.write(
-            Message(name, kind, 10 + i, 9 + i, bytes(typestore().serialize_cdr(message, kind)), i)
+            Message(name, kind, 10 + i, 9 + i, data_of(message, kind), i)
             for i, (name, kind, message) in enumerate(messages)
         )
     return open_bag(folder)
@@ -103,9 +68,9 @@ def test_names_types_and_contents_come_back(tmp_path, view):
         tmp_path / 'bag',
         [
             ('/camera/camera_info', INFO, info_message(view.lens)),
-            ('/points', CLOUD, cloud_message(cloud)),
-            ('/tagged/points', CLOUD, cloud_message(cloud, 'map')),
-            ('/old', CLOUD, cloud_message(cloud, names=CLOUD_FIELDS[:4])),
+            ('/points', CLOUD, sent(cloud)),
+            ('/tagged/points', CLOUD, sent(cloud, 'map')),
+            ('/old', CLOUD, sent(cloud, names=CLOUD_FIELDS[:4])),
             ('/camera/image_raw', IMAGE, image_message(picture)),
             ('/projector/image_raw', IMAGE, image_message(pattern)),
             ('/grey', IMAGE, image_message(picture[..., 0].copy(), 'mono8')),
@@ -123,7 +88,7 @@ def test_names_types_and_contents_come_back(tmp_path, view):
         back = cloud_from_message(got[name])
         off = np.linalg.norm(back.points - cloud.points, axis=2)
         assert np.nanmax(off - cloud.sigma / 2) < 2e-7
-        assert got[name].header == header(frame)
+        assert got[name].header == header(STAMP_NS, frame)
     assert [field.name for field in got['/old'].fields] == list(CLOUD_FIELDS[:4])
     shown = image_from_message(got['/camera/image_raw']).astype(int)
     assert np.abs(shown - picture).mean() < 5
@@ -139,7 +104,7 @@ def test_names_types_and_contents_come_back(tmp_path, view):
 def test_a_bag_is_a_fifteenth_of_its_size(tmp_path, view):
     lens = view.lens
     large = RayGrid(Lens(1280, 720, lens.camera_matrix * [[2], [2], [1]], lens.distortion), 2)
-    message = cloud_message(skin(large))
+    message = sent(skin(large))
     bag = recorded(
         tmp_path / 'bag',
         [('/camera/camera_info', INFO, info_message(large.lens)), ('/points', CLOUD, message)],
@@ -148,7 +113,7 @@ def test_a_bag_is_a_fifteenth_of_its_size(tmp_path, view):
 
 
 def test_what_is_no_organised_cloud_is_stored_as_it_is(tmp_path, view):
-    one_row = cloud_message(skin(view))
+    one_row = sent(skin(view))
     one_row.height, one_row.width = 1, one_row.height * one_row.width
     one_row.row_step = 24 * one_row.width
     bag = recorded(tmp_path / 'bag', [('/dents', CLOUD, one_row)])
@@ -171,12 +136,10 @@ def test_what_cannot_be_read_is_stored_as_it_is_and_ends_no_recording(tmp_path):
 
 
 def test_damage_is_told():
-    image = made(
-        'sensor_msgs/msg/CompressedImage', header=header(), format='', data=np.zeros(9, 'u1')
-    )
+    kind = 'sensor_msgs/msg/CompressedImage'
+    coded = made(kind, header(STAMP_NS, 'camera'), '', np.zeros(9, 'u1'))
     for form in ('jpeg', 'ftp_dent_ros cloud 1, 6 fields', 'ftp_dent_ros rgb8, jpeg'):
-        image.format = form
-        kind = 'sensor_msgs/msg/CompressedImage'
-        data = bytes(typestore().serialize_cdr(image, kind))
+        coded.format = form
+        data = data_of(coded, kind)
         with pytest.raises(BagError):
             decoded(Message('/x/coded_cloud', kind, 1, 1, data), '/x')

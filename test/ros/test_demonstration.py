@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
 from ftp_dent_ros.cli.main import main
-from ftp_dent_ros.demonstration.results import BOUNDS
+from ftp_dent_ros.demonstration.flight import BOUNDS
 from ftp_dent_ros.files import find
 from ftp_dent_ros.recording.reader import open_bag, read_messages
 from ftp_dent_ros.rig.rig import read_rig

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bag_samples import topic
 from dent_samples import DENTED, gouged_cloud, noisy_cloud
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -28,7 +29,7 @@ from ftp_dent_ros.inspection.records import dent_record
 from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.recording.reader import open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, find_definition, type_hash
+from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
@@ -165,9 +166,7 @@ def recorded(folder, messages):
     }
     with BagWriter(folder) as writer:
         for name, type_name in types.items():
-            hashed = type_hash(type_name)
-            definition = find_definition(type_name, hashed)
-            writer.add_topic(RecordedTopic(name, type_name, hashed, (Qos(),), definition))
+            writer.add_topic(topic(name, type_name))
         for number, (name, message) in enumerate(messages):
             data = serialize_message(message)
             writer.write([Message(name, types[name], number, number, data)])

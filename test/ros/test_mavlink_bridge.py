@@ -296,18 +296,6 @@ def test_a_node_that_stood_still_gets_its_clouds_again(ros, port, autopilot) -> 
     ros.until(lambda: is_tagged_after(now_ns), timeout=30.0)
 
 
-def test_of_two_vehicles_on_one_port_no_pose_is_the_others(ros, port, autopilot) -> None:
-    bridge = Bridge(ros, port)
-    ros.until(lambda: bridge.stream)
-    with hovering(port, system=2, north=50.0, asked=True) as other:
-        ros.until(lambda: bridge.number('messages of others') > 100)
-        for _ in range(5):
-            bridge.tag()
-        assert other.received == []
-    for message in [*bridge.stream, *(tag.pose for tag in bridge.poses)]:
-        assert message.pose.position.y == pytest.approx(3.0)
-
-
 def test_the_ground_station_takes_photographs_where_that_is_enabled(ros, port, autopilot) -> None:
     Bridge(ros, port, camera__enabled=True, rig='shipped:rig.yaml')
     shots, broken = [], []

@@ -42,18 +42,6 @@ def test_counts_durations_and_notes_are_shown(ros, monkeypatch):
     assert (values['period (px)'], values['refused'], values['failed']) == ('8', '0', '0')
 
 
-def test_a_refusal_warns_with_its_reason(ros):
-    diagnostics = Diagnostics(ros.node)
-    diagnostics.refuse('too dark', 'no fringes are seen: switch the lamp on')
-    diagnostics.refuse('no stripe', 'the red stripe is not seen')
-    diagnostics.refuse('no stripe', 'the red stripe is not seen')
-    status = diagnostics.status()
-    values = values_of(status)
-    assert status.level == WARN
-    assert status.message == '3 refused in 10 s, last no stripe: the red stripe is not seen'
-    assert (values['refused: no stripe'], values['refused: too dark']) == ('2', '1')
-
-
 def test_what_is_dropped_warns_too(ros):
     diagnostics = Diagnostics(ros.node)
     diagnostics.count('dropped')
@@ -70,15 +58,6 @@ def test_a_failure_goes_before_a_refusal_and_before_the_judge(ros):
     diagnostics.fail('the camera is gone')
     status = diagnostics.status()
     assert (status.level, status.message) == (ERROR, 'the camera is gone')
-
-
-def test_the_state_comes_every_second(ros):
-    diagnostics = Diagnostics(ros.node)
-    last = ros.diagnostics('tester')
-    diagnostics.count('images')
-    assert values_of(ros.until(last))['images'] == '1'
-    diagnostics.count('images')
-    ros.until(lambda: values_of(last())['images'] == '2')
 
 
 @pytest.mark.parametrize(

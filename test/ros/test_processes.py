@@ -9,7 +9,6 @@ from rclpy.parameter import Parameter
 
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.nodes.camera_capture import CameraCapture
-from ftp_dent_ros.nodes.dent_inspector import DentInspector
 from ftp_dent_ros.nodes.mavlink_bridge import MavlinkBridge
 from ftp_dent_ros.nodes.pattern_publisher import PatternPublisher
 from ftp_dent_ros.nodes.reconstruction import Reconstruction
@@ -27,13 +26,12 @@ def parameters_of(name, rig_file):
     }[name] | {'rig': rig_file}
 
 
-@pytest.mark.parametrize('with_signal', [signal.SIGINT, signal.SIGTERM])
-def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file, with_signal):
+def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file):
     processes = {name: ros.start(name, **parameters_of(name, rig_file)) for name in NODES}
     states = [ros.diagnostics(name) for name in NODES]
     ros.until(lambda: all(state() for state in states))
     for process in processes.values():
-        process.send(with_signal)
+        process.send(signal.SIGTERM)
     # A second signal must not spoil the end.
     processes['camera_capture'].send(signal.SIGINT)
     for name, process in processes.items():
@@ -66,25 +64,20 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
     [
         (PatternPublisher, {'rig': 'RIG'}, 'set the parameter pattern or period_px'),
         (PatternPublisher, {'rig': 'RIG', 'period_px': 200}, 'period_px is 200.0: give 3 to 80'),
-        (PatternPublisher, {'rig': 'nowhere.yaml', 'period_px': 8}, 'nowhere.yaml: no such file'),
         (
             PatternPublisher,
             {'rig': 'RIG', 'pattern': 'PATTERN'},
             'the pattern is 160x100, the projector 320x200',
         ),
         (Reconstruction, {'rig': 'BROKEN'}, 'camera.distortion_model'),
-        (Reconstruction, {'method': 'fourier'}, "parameter method is 'fourier': give "),
         (Reconstruction, {'tau': 'slow'}, "parameter tau is 'slow'"),
-        (Reconstruction, {'tau': 0.0}, 'tau is 0.0'),
         (CameraCapture, {'source': 'files'}, 'no image files are named'),
-        (CameraCapture, {'source': 'files', 'files.path': '/nowhere'}, 'no image there'),
         (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
         (CameraCapture, {'device.width': 0}, 'set rig, or device.width and device.height'),
         (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
         (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give one of auto, start, end'),
         (MavlinkBridge, {'address': 'udp:14550'}, 'udpin:HOST:PORT'),
         (MavlinkBridge, {'rate': 5000.0}, 'from 10 to 200'),
-        (DentInspector, {'rules': 'BROKEN'}, 'limits'),
     ],
 )
 def test_what_is_wrong_with_a_parameter_is_said(

@@ -238,12 +238,8 @@ def test_hostile_messages_end_nothing_and_a_flood_is_thinned(ros, rig_file, phot
     bench.says('idle')
     bench.listen()
     for change in (
-        {'height': 0, 'width': 0, 'step': 0, 'data': array('B')},
-        {'data': array('B', bytes(10))},
         {'height': 2**32 - 1, 'width': 2**32 - 1, 'step': 2**32 - 1},
         {'encoding': 'rgb8; rm -rf', 'data': array('B')},
-        {'step': 1},
-        {'is_bigendian': 255, 'width': 401},
     ):
         message = image_to_message(photograph, 1, 'eye')
         for name, value in change.items():

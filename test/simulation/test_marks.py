@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import (
     CameraMotion,
@@ -134,12 +133,3 @@ def test_waves_are_traced_and_seen(rig, noiseless):
 def test_a_domed_rivet_stands_out():
     height, _, _ = skin(rivets=(domed_rivet(0, 0),)).panels[0].height(np.zeros(1), np.zeros(1))
     assert height == pytest.approx([-0.0012])
-
-
-def test_what_cannot_be_is_refused():
-    with pytest.raises(ConfigurationError, match=r'contrast is 1.2: give'):
-        Dirt(1.2)
-    with pytest.raises(ConfigurationError, match='height is 0: give'):
-        Lettering(0, 0, 'A', 0, (0, 0, 0))
-    with pytest.raises(ConfigurationError, match='level is -1: give'):
-        Sunlight(-1, (1, 0, 0))

@@ -2,35 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.simulation import Paint, Panel, Surface, render
+from ftp_dent_ros.simulation import Paint
 
 
 def directions(count, seed):
     vectors = np.random.default_rng(seed).normal(size=(count, 3))
     vectors[:, 2] = -np.abs(vectors[:, 2]) - 0.05
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
-def test_a_diagonal_edge_parts_two_tones_sharply(rig, pattern, noiseless):
-    """Skin that the projector lights evenly: its levels are in the ratio of the albedos."""
-    half = np.sqrt(0.5)
-    paint = Paint((0.8, 0.8, 0.8), (half, half, 0.0), (0.1, 0.2, 0.4))
-    pose = Pose(Rotation.identity(), np.array([0, 0, 0.6]))
-    white = np.full((100, 160, 3), 255, np.uint8)
-    two, one = (
-        render(rig, white, Surface((Panel(pose, (-1, 1, -1, 1), paint=p),)), noiseless)
-        for p in (paint, Paint())
-    )
-    part = two / one.astype(float)
-    points = 0.6 * rig.camera.rays(rig.camera.pixel_grid())
-    beyond = half * points[..., 0] + half * points[..., 1]
-    pixel = 0.6 / 900
-    near, far = part[beyond < -pixel], part[beyond > pixel]
-    np.testing.assert_allclose(near, 1, atol=1e-9)
-    np.testing.assert_allclose(far, np.tile([0.125, 0.25, 0.5], (len(far), 1)), atol=0.01)
 
 
 def test_varnish_works_both_ways():

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from brute_force import PlainPanel, camera_rays, photograph, projector_pixels
+from brute_force import PlainPanel, photograph
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.errors import ImageError
@@ -20,7 +20,6 @@ from ftp_dent_ros.simulation import (
     Surface,
     render,
 )
-from ftp_dent_ros.simulation.view import see
 
 TURN = Rotation.from_euler('xyz', [0.1, -0.08, 0.2])
 ORIGIN = (0.004, -0.003, 0.6)
@@ -54,18 +53,6 @@ def replace_lens(rig, focal=None, shift=(0, 0), **size):
 
 def flat(**options):
     return Surface((Panel(Pose(Rotation.identity(), np.array([0, 0, 0.6])), WIDE, **options),))
-
-
-@pytest.mark.parametrize('radius', [0.0, 0.7])
-def test_each_pixel_sees_the_projector_pixel_that_opencv_says(rig, noiseless, radius):
-    plain, surface = both(radius=radius)
-    rays = camera_rays(rig.camera, rig.camera.pixel_grid().reshape(-1, 2))
-    depth = plain.intersect(rays)
-    pixels = projector_pixels(rig, depth[:, None] * rays)
-    view = see(rig, surface, noiseless)
-    np.testing.assert_allclose(view.u.ravel(), pixels[:, 0], atol=1e-3)
-    np.testing.assert_allclose(view.v.ravel(), pixels[:, 1], atol=1e-3)
-    np.testing.assert_allclose(surface.intersect(rays), depth, atol=1e-9)
 
 
 @pytest.mark.parametrize('radius', [0.0, 0.7])
@@ -141,36 +128,6 @@ def test_rivets_show_as_dark_rings_of_their_size(rig, noiseless):
     expected = 1 - 0.5 * np.exp(-0.5 * ((radius - 0.04) / 0.006) ** 2)
     np.testing.assert_allclose(part, expected, atol=0.03)
     assert part.min() < 0.56
-
-
-def test_vignetting_is_cos4_and_goes_with_shading(rig, noiseless):
-    """Ambient light alone: what is left is the camera's lens."""
-    black = np.zeros((100, 160, 3), np.uint8)
-    photometry = dataclasses.replace(noiseless, projector_black=0.0, ambient=1.0)
-    lens = rig.camera
-    image = render(rig, black, flat(), photometry)
-    cosine = 1 / np.linalg.norm(lens.rays(lens.pixel_grid()), axis=-1)
-    expected = 250 * 0.8 * cosine**4
-    np.testing.assert_allclose(image, np.repeat(expected[..., None], 3, axis=2), atol=0.51)
-    even = render(rig, black, flat(), dataclasses.replace(photometry, shading=False))
-    assert (even == 200).all()
-
-
-def test_light_falls_off_with_distance_squared(rig, noiseless):
-    """The centre of the projector's image, on a plane across its axis."""
-    white = np.full((100, 160, 3), 255, np.uint8)
-    photometry = dataclasses.replace(noiseless, ambient=0.0, reference_distance=0.4)
-    levels = []
-    for distance in (0.6, 0.75):
-        axis = rig.rotation[2]
-        across = Rotation.from_matrix(rig.rotation.T)
-        centre = rig.projector_centre + distance * axis
-        surface = Surface((Panel(Pose(across, centre), WIDE, paint=Paint((1.0,) * 3)),))
-        image = render(rig, white, surface, photometry)
-        column, row = rig.camera.project(centre)
-        vignette = np.linalg.norm(rig.camera.rays([column, row])) ** -4
-        levels.append(image[round(row), round(column), 1] / (250 * vignette))
-    np.testing.assert_allclose(levels, [(0.4 / 0.6) ** 2, (0.4 / 0.75) ** 2], rtol=0.01)
 
 
 def test_a_panel_casts_a_shadow_on_the_one_behind(rig, pattern, noiseless):

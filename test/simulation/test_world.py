@@ -12,7 +12,6 @@ from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.rig.rig import read_rig
-from ftp_dent_ros.simulation.view import see
 from ftp_dent_ros.simulation.world import LiveWorld, read_world
 from ftp_dent_ros.yaml_file import read_yaml
 
@@ -100,32 +99,6 @@ def test_motion_is_that_of_the_skin_before_the_camera(world):
     assert 1e-5 < np.linalg.norm(end - begin) < 1e-3
 
 
-def test_a_photograph_shows_the_skin_where_the_truth_says(world, rig, pattern):
-    """Fringes in the photograph have the phase of the projector columns seen at its stamp."""
-    stamp_ns = START_NS + 31_000_000_000
-    closer = dataclasses.replace(world, exposure_time=0.0)
-    # The shipped world is 0.8 m away, where the small rig's axes have crossed.
-    matrix = rig.projector.camera_matrix.copy()
-    wide = dataclasses.replace(
-        rig,
-        projector=dataclasses.replace(
-            rig.projector, camera_matrix=matrix * [[0.4], [0.4], [1]], distortion=np.zeros(5)
-        ),
-    )
-    wide.projector.camera_matrix[:2, 2] = 80, 50
-    image = closer.photograph(wide, pattern.draw(), stamp_ns).shown().astype(float)
-    view = see(wide, closer.seen_surface(stamp_ns), closer.photometry)
-    inside = (np.abs(view.u - 80) > 8) & (view.u > 4) & (view.u < 155)
-    inside &= (view.v > 4) & (view.v < 95)
-    assert inside.sum() > 2000
-    level = image[..., 0][inside]
-    phase = 2 * np.pi * (view.u[inside] - 80) / 8
-    basis = np.column_stack([np.ones_like(phase), np.cos(phase), np.sin(phase)])
-    (mean, cosine, sine), *_ = np.linalg.lstsq(basis, level, rcond=None)
-    assert cosine > 0.3 * mean
-    assert abs(np.arctan2(sine, cosine)) < 0.02
-
-
 def test_a_photograph_is_the_same_each_time(world, rig, pattern):
     first, again, later = (
         world.photograph(rig, pattern.draw(), START_NS + ns).shown() for ns in (0, 0, 500_000_000)
@@ -152,16 +125,6 @@ def test_a_photograph_is_the_same_each_time(world, rig, pattern):
 )
 def test_a_wrong_field_is_named_in_one_sentence(refused, path, value, words):
     assert words in refused(path, value)
-
-
-def test_a_file_that_is_no_scene_is_refused(tmp_path):
-    for text in ('', '[]', 'panels: [', '42'):
-        file = tmp_path / 'scene.yaml'
-        file.write_text(text)
-        with pytest.raises(ConfigurationError, match=r'scene\.yaml'):
-            read_world(file)
-    with pytest.raises(ConfigurationError, match=r'none\.yaml'):
-        read_world(tmp_path / 'none.yaml')
 
 
 def test_a_board_is_moved_by_the_second_white_photograph_in_a_row(rig, pattern):

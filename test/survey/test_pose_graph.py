@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flown_pairs import CENTRE, batch, flight, joined, off_by, pairs_of, relatives
+from flown_pairs import CENTRE, batch, flight, joined, relatives
 from flown_skin import erring
 from scipy.linalg import logm
 from scipy.spatial.transform import Rotation
@@ -13,7 +13,7 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import spread_of_shift, twists
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.pose_graph import PoseGraph
-from ftp_dent_ros.survey.pose_terms import Node, Terms
+from ftp_dent_ros.survey.pose_terms import Node
 
 STATED = np.diag([0.03**2] * 3 + [0.015**2] * 3)
 RADIUS = 2.0
@@ -111,31 +111,3 @@ def test_an_autopilot_that_jumps_is_overruled():
     first, true = graph.poses[0].inverse(), poses[0].inverse()
     seen = [first @ pose for pose in graph.poses]
     assert farthest(seen, [true @ pose for pose in poses]) < 2e-3
-
-
-def test_no_solution_fits_worse_than_where_it_began():
-    """However the pairs contradict each other, and however far they slide, nothing runs away."""
-    rng = np.random.default_rng(7)
-    poses = flight(rng, 24, passes=1)
-    stated = erring(poses, 7)
-    told = np.diag([0.0, 1e6, 1e14, 1e12, 1e12, 1e10])
-    graph = PoseGraph()
-    for number, each in enumerate(stated):
-        graph.add(Node(each, STATED, 0.5 * number, 0), each)
-    for first, second in pairs_of(poses):
-        off = rng.normal(0, [0.02, 1e-4, 1e-6, 1e-5, 1e-6, 1e-4])
-        if rng.random() < 0.2:
-            off += rng.normal(0, [0, 0.02, 1e-3, 1e-3, 1e-3, 1e-3])
-        pose = off_by(poses[first].inverse() @ poses[second], off)
-        graph.link(first, second, RelativePose(pose, CENTRE, told, 5))
-    terms = Terms(dict(enumerate(graph.links)), graph.nodes)
-
-    def cost():
-        turns = np.array([pose.rotation.as_matrix() for pose in graph.poses])
-        return terms.cost(terms.errors(turns, np.array([p.translation for p in graph.poses])))
-
-    costs = [cost()]
-    for _ in range(3):
-        graph.solve()
-        costs.append(cost())
-    assert costs[1] < costs[0] and max(np.diff(costs)) <= 1e-6

@@ -3,62 +3,45 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from bag_samples import (
+    CLOUD,
+    IMAGE,
+    LOCATED,
+    SECOND,
+    cloud_message,
+    data_of,
+    image,
+    located,
+    place,
+    topic,
+)
 from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.topic import Message, typestore
+from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.store import SurveyStore
 from ftp_dent_ros.survey.unrolled import Unrolled
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / 'recording'))
-from bag_samples import topic
-
-IMAGE, CLOUD = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/PointCloud2'
-LOCATED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 TYPES = {'/skin': IMAGE, '/points': CLOUD, '/tagged/camera_pose': LOCATED}
-HALF_S, SECOND = 500_000_000, 1_000_000_000
+HALF_S = 500_000_000
 START_NS = 1_760_000_000 * SECOND
 
 
-def header(stamp_ns, frame_id):
-    types = typestore().types
-    stamp = types['builtin_interfaces/msg/Time'](stamp_ns // SECOND, stamp_ns % SECOND)
-    return types['std_msgs/msg/Header'](stamp, frame_id)
-
-
-def serialised(type_name, *fields):
-    store = typestore()
-    return bytes(store.serialize_cdr(store.types[type_name](*fields), type_name))
-
-
 def contents(cloud, skin, pose, stamp_ns):
-    types = typestore().types
-    names = ('x', 'y', 'z', 'intensity', 'sigma', 'resolution')
-    values = np.dstack([cloud.points, cloud.intensity, cloud.sigma, cloud.resolution])
-    rows, columns = skin.shape
-    fields = [types['sensor_msgs/msg/PointField'](n, 4 * k, 7, 1) for k, n in enumerate(names)]
-    data = values.astype('<f4').reshape(-1).view(np.uint8)
-    eye = header(stamp_ns, 'camera_optical_frame')
-    yield '/skin', serialised(IMAGE, eye, rows, columns, 'mono8', 0, columns, skin.ravel())
-    size = (False, 24, 24 * columns)
-    yield '/points', serialised(CLOUD, eye, rows, columns, fields, *size, data, False)
+    eye = 'camera_optical_frame'
+    yield '/skin', data_of(image(stamp_ns, eye, skin, 'mono8'), IMAGE)
+    yield '/points', data_of(cloud_message(stamp_ns, eye, cloud), CLOUD)
     if pose is not None:
-        place = types['geometry_msgs/msg/Pose'](
-            types['geometry_msgs/msg/Point'](*map(float, pose.translation)),
-            types['geometry_msgs/msg/Quaternion'](*map(float, pose.quaternion)),
-        )
-        located = types['geometry_msgs/msg/PoseWithCovariance'](place, STATED.ravel())
-        yield '/tagged/camera_pose', serialised(LOCATED, header(stamp_ns, 'map'), located)
+        there = place(pose.translation, pose.quaternion)
+        yield '/tagged/camera_pose', located(stamp_ns, there, STATED)
 
 
 def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig=''):

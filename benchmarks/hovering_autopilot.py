@@ -9,8 +9,8 @@ import threading
 import time
 from typing import Any
 
-from flight_replay import answer
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from recorded_flight import answer
 
 _PERIOD = 0.02
 _POSES = (
