@@ -256,6 +256,20 @@ def test_a_dent_that_the_frame_cuts_is_flagged():
     assert dent.is_cut
 
 
+def test_any_frame_will_do():
+    pose = Pose.from_rpy((1.2, -0.4, 2.0), (30.0, -20.0, 10.0))
+    cloud = cloud_of(panel(DENT))
+    in_map = Cloud(pose.apply(cloud.points.astype(float)), cloud.intensity)
+
+    (dent,) = inspect(in_map, viewpoint=pose.translation).dents
+    (seen,) = inspect(cloud).dents
+
+    moved = seen.transformed(pose)
+    assert np.allclose(dent.position, moved.position, atol=1e-4)
+    assert dent.normal @ moved.normal > 0.9999
+    assert dent.depth.value == pytest.approx(seen.depth.value, abs=5e-6)
+
+
 def test_what_is_smaller_than_the_smallest_dent_is_not_reported():
     cloud = cloud_of(panel(DENT))
     assert inspect(cloud, settings=SmallestDent(smallest_depth=0.0012)).dents == ()
@@ -277,6 +291,13 @@ GRID = np.zeros((100, 100, 3), np.float32)
 def test_a_cloud_that_cannot_be_used_is_refused(points, words):
     with pytest.raises(CloudError, match=words):
         inspect(Cloud(points, np.zeros(points.shape[:2], np.float32)))
+
+
+def test_two_points_among_nan_are_refused():
+    points = np.full_like(GRID, np.nan)
+    points[50, 50:52] = 1
+    with pytest.raises(CloudError, match='only 2 points'):
+        inspect(Cloud(points, np.zeros((100, 100), np.float32)))
 
 
 def test_millimetres_are_recognised():
