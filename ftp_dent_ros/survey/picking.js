@@ -48,14 +48,14 @@ function placeOf(event, svg) {
   return { u, v, x: places.low[0] + u * places.pixel, y: places.low[1] + (size.height - v) * places.pixel };
 }
 
-const told = (point) => point.map((value) => value.toFixed(4)).join(', ');
+const shownAt = (point) => point.map((value) => value.toFixed(4)).join(', ');
 
 function tell({ x, y }) {
   const point = pointAt(x, y);
   const cell = Math.floor((y - places.low[1]) / places.side) * places.columns + Math.floor((x - places.low[0]) / places.side);
   const depth = findable[cell];
   byId('here').textContent = `Unrolled x ${x.toFixed(3)} m, y ${y.toFixed(3)} m: `
-    + (point ? `at ${told(point)} m` : 'not measured')
+    + (point ? `at ${shownAt(point)} m` : 'not measured')
     + (depth >= 0 ? `; a dent would have been found there from ${(1000 * depth).toFixed(3)} mm.` : '.');
 }
 
@@ -91,7 +91,7 @@ function show() {
       return cell;
     };
     field('name', pick.name, (value) => { pick.name = value; }).className = 'left';
-    row.insertCell().textContent = told(pick.point);
+    row.insertCell().textContent = shownAt(pick.point);
     ['station', 'buttock', 'water'].forEach((name, i) => field(name, pick.at[i], (value) => { pick.at[i] = value; }));
     const away = document.createElement('button');
     away.type = 'button'; away.textContent = 'Remove';
@@ -107,7 +107,7 @@ function text() {
     const at = pick.at.map((value) => (value.trim() === '' ? NaN : Number(value)));
     const whole = at.every(Number.isFinite);
     const shown = whole ? at.join(', ') : 'station, buttock line, water line';
-    lines.push(`${whole ? '' : '# '}  - {name: ${JSON.stringify(pick.name)}, map: [${told(pick.point)}], at: [${shown}]}`);
+    lines.push(`${whole ? '' : '# '}  - {name: ${JSON.stringify(pick.name)}, map: [${shownAt(pick.point)}], at: [${shown}]}`);
   }
   return `${lines.join('\n')}\n`;
 }
