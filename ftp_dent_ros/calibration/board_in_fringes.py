@@ -126,7 +126,7 @@ class _View:
     levels: NDArray[np.float64]
 
     @property
-    def told(self) -> int:
+    def axis(self) -> int:
         """The projector's axis along which the fringes follow one another."""
         return 'uv'.index(self.pattern.axis)
 
@@ -161,7 +161,7 @@ class _View:
     def without_fringes(self) -> NDArray[np.uint8]:
         """The photograph without its fringes: a window of two periods has a zero at theirs."""
         lenses = self.rig.camera, self.rig.projector
-        focal, thrown = (lens.camera_matrix[self.told, self.told] for lens in lenses)
+        focal, thrown = (lens.camera_matrix[self.axis, self.axis] for lens in lenses)
         window = np.hanning(2 * round(self.pattern.period_px * focal / thrown) + 3)[1:-1]
         smooth = cv2.sepFilter2D(self.levels.astype(np.float32), -1, window, window)
         white = max(float(np.percentile(smooth, 99)), 1e-3)
@@ -169,7 +169,7 @@ class _View:
 
     def fit(self, albedo: NDArray, corners: NDArray, off: NDArray, blur: float) -> _Fit:
         """Fit each corner's window with the board where `corners` have it."""
-        rig, pattern, board, told = self.rig, self.pattern, self.board, self.told
+        rig, pattern, board, axis = self.rig, self.pattern, self.board, self.axis
         known = np.isfinite(corners[:, 0])
         if known.sum() < _FEWEST:
             raise CalibrationError(
@@ -191,10 +191,10 @@ class _View:
         place = turn.inv().apply(on - shift)[:, :2]
         lit_by = rig.projector.project(rig.to_projector(on))
         over = plane_terms(board, place)
-        column = lit_by[:, told] + over @ off
-        upright = pattern.transposed if told else pattern
+        column = lit_by[:, axis] + over @ off
+        upright = pattern.transposed if axis else pattern
         phase = pattern.phase(column)
-        contrast = upright.contrast(phase) * upright.row_contrast(lit_by[:, 1 - told])
+        contrast = upright.contrast(phase) * upright.row_contrast(lit_by[:, 1 - axis])
         at = ((place / board.square + 1.5) * _PIXELS - 0.5).astype(np.float32)
         soft = gaussian_filter(albedo, blur * _PIXELS / board.spacing(middles)).astype(np.float32)
         x, y = at.T.reshape(2, *u.shape)
@@ -217,7 +217,7 @@ class _View:
         mean = np.nanmean(turns)
         ahead = pattern.period_px / (2 * np.pi) * (np.angle(turns / mean) + np.angle(mean))
         terms = plane_terms(board, board.points)
-        predicted = rig.projector.project(rig.to_projector(points))[:, told] + terms @ off
+        predicted = rig.projector.project(rig.to_projector(points))[:, axis] + terms @ off
         more, *_ = np.linalg.lstsq(terms[lit], ahead[lit], rcond=None)
         return _Fit(
             middles + found[:, :2],

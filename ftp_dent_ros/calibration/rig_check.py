@@ -161,7 +161,7 @@ def judged(
     middle : ndarray, shape (3,)
         A point in the middle of what was measured, metres.
     rim_points : int
-        That the covariance's scale was told by; 0 if it is as good as known.
+        Behind the covariance's scale; 0 if it is as good as known.
     camera_px : float, optional
         As of `Check`.
     """
@@ -211,13 +211,13 @@ def turned(rig: Rig, turn: NDArray) -> Rig:
 
 @dataclass(frozen=True)
 class _Kind:
-    """Residuals of one kind: their standard deviation at first, and what tells it of them."""
+    """Residuals of one kind: their standard deviation at first, and how it is estimated."""
 
     first: float
-    told: Callable[[NDArray], float] | None = None
+    spread: Callable[[NDArray], float] | None = None
 
 
-#: What the turn is told by: residuals of each kind, of a rig and the other unknowns.
+#: Residuals of each kind, which show the turn, of a rig and the other unknowns.
 _Misfit = Callable[[Rig, NDArray], list[NDArray]]
 
 
@@ -255,7 +255,7 @@ def _fitted(
         found = least_squares(weighted, unknowns, x_scale='jac', loss='soft_l1', f_scale=2.0)
         unknowns = found.x
         deviations = [
-            kind.told(off) if kind.told else kind.first
+            kind.spread(off) if kind.spread else kind.first
             for kind, off in zip(kinds, each(unknowns), strict=True)
         ]
     return unknowns, inverse_of(found.jac.T @ found.jac)[:3, :3]
@@ -464,7 +464,7 @@ def check_by_board(
     CalibrationError
         The board is not seen, or too little of it was measured.
     """
-    told = 'uv'.index(pattern.axis)
+    axis = 'uv'.index(pattern.axis)
     corners, points, columns = read_board(rig, pattern, board, image)
     known, lit = np.isfinite(corners[:, 0]), np.isfinite(columns)
     corners, columns, points = corners[known], columns[lit], points[lit]
@@ -479,7 +479,7 @@ def check_by_board(
         off = rig.camera.project(turn.apply(bent[known]) + shift) - corners
         normal = turn.apply([0.0, 0.0, 1.0])
         depth = (shift @ normal + bend[lit]) / (rays @ normal)
-        pixel = by.projector.project(by.to_projector(depth[:, None] * rays))[:, told]
+        pixel = by.projector.project(by.to_projector(depth[:, None] * rays))[:, axis]
         # Warmth and damp make a print so much larger or smaller: aluminium by 12, paper by 30
         # kelvin.
         prior = [(scale - 1) / 3e-4, *unknowns[7:] / flatness]

@@ -19,8 +19,6 @@ from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 _ROUNDS, _SHARPENED = 4, 2
 # Fringes from the centred window to those at its sides: an edge between is two deviations off.
 _ASIDE = 1.0
-# Rounds that choose windows: the first fit is mixed at edges, later ones go on from the choice.
-_CHOOSING = 1
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
 # Every how many bins show the waveform's unknowns.

@@ -23,8 +23,14 @@ _POINTS, _LEAST = 400, 50
 _OFF, _TIMES = 1e-3, 10.0
 
 
-def check_upright(area: LitArea) -> None:
+def check_upright(area: LitArea, off: float = _OFF) -> None:
     """Raise if the surface is a smooth skin were the photograph mirrored, and none as it is.
+
+    Parameters
+    ----------
+    area : LitArea
+    off : float
+        Share of the distance by which a smooth skin is off its quadric at most.
 
     Raises
     ------
@@ -34,12 +40,12 @@ def check_upright(area: LitArea) -> None:
     row, column = np.divmod(flat[:: max(1, len(flat) // _POINTS)], area.lit.shape[1])
     u_p = area.u_p(row, column)
     told = _off_quadric(area, area.rays[row, column, :2], u_p)
-    if not told > _OFF:
+    if not told > off:
         return
     mirrored = 2 * area.pattern.stripe_center_px - u_p
     if told > _TIMES * _off_quadric(area, area.rays[row, -1 - column, :2], mirrored):
         raise OtherPatternError(
-            f'the surface would be off any smooth shape by {told:.1%} of its distance, and would '
+            f'the surface would be off any smooth shape by {told:.2%} of its distance, and would '
             'be a smooth skin if the photograph were mirrored: do not mirror or turn the '
             'photograph, and give the rig that it is taken with (rig.yaml)'
         )
