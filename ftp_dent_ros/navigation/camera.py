@@ -23,14 +23,10 @@ from ftp_dent_ros.navigation.pose_covariance import Tag
 from ftp_dent_ros.pose import Pose
 
 COMPONENT = mavlink.MAV_COMP_ID_CAMERA
-_CAPTURE = mavlink.MAV_CMD_IMAGE_START_CAPTURE
+_ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 _DIGICAM = mavlink.MAV_CMD_DO_DIGICAM_CONTROL
 _INFORMATION = mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION
 _STATUS = mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS
-_OLD_REQUESTS = {
-    mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: _INFORMATION,
-    mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: _STATUS,
-}
 # Latitude, longitude and altitudes that are not known, as CAMERA_FOV_STATUS of the same service
 # has them: 0, 0 is a place.
 _UNKNOWN = 2**31 - 1
@@ -66,22 +62,29 @@ class Camera:
         `size` is that of the images, 0 if not known yet; `boot_ms` the autopilot's time.
         """
         source = (command.get_srcSystem(), command.get_srcComponent())
-        if command.target_component not in (COMPONENT, 0):
+        is_ours = command.target_component == COMPONENT
+        if not (is_ours or command.target_component == 0):
             return []
         if source != autopilot and source[0] != self._ground_station:
             return []
-        if command.command == _CAPTURE:
-            return [_ack(command, source, self._capture(command, source, boot_ms))]
-        if command.command == _DIGICAM and self._is_digicam(command, source, autopilot):
-            return [_ack(command, source, self._result())]
-        wanted, accepted = _wanted(command), _ack(command, source, mavlink.MAV_RESULT_ACCEPTED)
-        if wanted == _INFORMATION:
-            return [accepted, self.information(size, boot_ms)]
-        if wanted == _STATUS:
-            return [accepted, self._status(boot_ms)]
-        if command.target_component == 0:
+        number, told = command.command, []
+        if number == mavlink.MAV_CMD_IMAGE_START_CAPTURE:
+            result = self._capture(command, source, boot_ms)
+        # Not a shot that the autopilot got as well and passes on.
+        elif number == _DIGICAM and command.param5 == 1 and (is_ours or source == autopilot):
+            result = self._result()
+        elif _asks(command, _INFORMATION, mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION):
+            result, told = _ACCEPTED, [self.information(size, boot_ms)]
+        elif _asks(command, _STATUS, mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS):
+            result, told = _ACCEPTED, [self._status(boot_ms)]
+        elif is_ours:
+            result = mavlink.MAV_RESULT_UNSUPPORTED
+        else:
             return []  # It may be meant for another component.
-        return [_ack(command, source, mavlink.MAV_RESULT_UNSUPPORTED)]
+        ack = mavlink.MAVLink_command_ack_message(
+            number, result, target_system=source[0], target_component=source[1]
+        )
+        return [ack, *told]
 
     def information(self, size: tuple[int, int], boot_ms: int) -> Any:
         """CAMERA_INFORMATION, with the size of the images (0 if not known yet)."""
@@ -146,32 +149,21 @@ class Camera:
             file_url=b'',
         )
 
-    def _is_digicam(
-        self, command: Any, source: tuple[int, int], autopilot: tuple[int, int]
-    ) -> bool:
-        """Whether it is a shot, and not one that the autopilot got as well and passes on."""
-        return bool(command.param5 == 1) and (
-            source == autopilot or command.target_component == COMPONENT
-        )
-
     def _capture(self, command: Any, source: tuple[int, int], boot_ms: int) -> int:
         if command.param3 != 1:
-            return int(mavlink.MAV_RESULT_DENIED)
+            return mavlink.MAV_RESULT_DENIED
         # A command that was sent twice is one photograph.
-        this = (*source, command.param4)
-        last, then_ms = self._last
+        this, (last, then_ms) = (*source, command.param4), self._last
         if command.param4 > 0 and this == last and 0 <= boot_ms - then_ms < _REPEATED_MS:
-            return int(mavlink.MAV_RESULT_ACCEPTED)
+            return _ACCEPTED
         result = self._result()
-        if result == mavlink.MAV_RESULT_ACCEPTED:
+        if result == _ACCEPTED:
             self._last = this, boot_ms
         return result
 
     def _result(self) -> int:
         """Take a photograph: a MAV_RESULT."""
-        if self._shoot():
-            return int(mavlink.MAV_RESULT_ACCEPTED)
-        return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        return _ACCEPTED if self._shoot() else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
     def _status(self, boot_ms: int) -> Any:
         """CAMERA_CAPTURE_STATUS: never busy, for a command of its own is a photograph each."""
@@ -186,14 +178,7 @@ class Camera:
         )
 
 
-def _wanted(command: Any) -> int | None:
-    """Number of the message that a command asks for, if it asks for one."""
-    if command.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-        return int(command.param1) if math.isfinite(command.param1) else None
-    return _OLD_REQUESTS.get(command.command) if command.param1 == 1 else None
-
-
-def _ack(command: Any, source: tuple[int, int], result: int) -> Any:
-    return mavlink.MAVLink_command_ack_message(
-        command.command, result, target_system=source[0], target_component=source[1]
-    )
+def _asks(command: Any, message: int, old: int) -> bool:
+    """Whether a command, or the one that it has replaced, asks for the message of a number."""
+    asked = {mavlink.MAV_CMD_REQUEST_MESSAGE: message, old: 1}
+    return bool(asked.get(command.command) == command.param1)

@@ -17,7 +17,6 @@ MILLISECOND = 1_000_000
 
 # Exchanges that a line through them needs before it is believed.
 _MINIMUM_EXCHANGES = 5
-_WRAP = 2**32 * MILLISECOND
 
 
 class Exchange(NamedTuple):
@@ -30,16 +29,10 @@ class Exchange(NamedTuple):
 
 @dataclass
 class Segment:
-    """Exchanges that agree: no clock has stepped between any two of them."""
+    """Exchanges that agree, the first at `begin`: no clock has stepped between any two of them."""
 
     begin: int
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=64))
-    latest: tuple[int, int] = (0, 0)
-
-    def add(self, exchange: Exchange) -> None:
-        """Take an exchange that does not contradict those before it."""
-        self.exchanges.append(exchange)
-        self.latest = self.offset(exchange.received)
 
     @property
     def last(self) -> Exchange:
@@ -78,11 +71,8 @@ class ClockOffset:
 
     Attributes
     ----------
-    repeated_from : int or None
-        If the last answer showed that the autopilot's clock has stepped back: the first time since
-        boot, in nanoseconds, that may have come twice.
-    answers, steps, restarts : int
-        How often an answer came, a clock stepped, and the time since boot started anew.
+    steps, restarts : int
+        How often a clock stepped, and the time since boot started anew.
     """
 
     def __init__(self, period: float = 0.1, maximum_error: float = 0.01) -> None:
@@ -90,58 +80,56 @@ class ClockOffset:
         self._maximum_error = round(maximum_error * SECOND)
         self._segments: deque[Segment] = deque(maxlen=8)
         self._open_requests: deque[int] = deque(maxlen=64)
-        self._last_request: int | None = None
+        self._last_request = -(2**63)
         self._round_trips: deque[int] = deque(maxlen=20)
-        self.answers = self.steps = self.restarts = 0
-        self.repeated_from: int | None = None
+        self.steps = self.restarts = 0
 
     def request(self, now: int) -> int | None:
         """`ts1` of a request to send now (ROS time in ns), or None while none is due."""
-        last = self._last_request
-        if last is not None and 0 <= now - last < self._period:
+        if 0 <= now - self._last_request < self._period:
             return None
         self._last_request = now
         self._open_requests.append(now)
         return now
 
-    def answer(self, tc1: int, ts1: int, now: int) -> bool:
+    def answer(self, tc1: int, ts1: int, now: int) -> int | None:
         """Take a TIMESYNC message of the autopilot's that arrived now.
 
         A request (tc1 = 0) and an answer to anybody else's request teach nothing.
 
         Returns
         -------
-        bool
-            Whether this shows that the time since boot has started anew: the autopilot has
-            rebooted (or this computer's clock has been set, which looks the same).
+        int or None
+            From which time since boot on, in nanoseconds, times come twice, because the
+            autopilot's clock has stepped back: 0 if the time since boot has started anew (or this
+            computer's clock has been set, which looks the same). Usually None.
         """
         if tc1 <= 0 or ts1 not in self._open_requests:
-            return False
+            return None
         # An answer that was overtaken is not waited for: exchanges stay in order.
         while self._open_requests.popleft() != ts1:
             pass
         exchange, round_trip = Exchange(ts1, tc1, now), now - ts1
         if round_trip < 0:
-            return False
-        self.answers += 1
-        self.repeated_from = None
+            return None
         self._round_trips.append(round_trip)
         if round_trip > 2 * self._maximum_error:
-            return False  # It bounds the offset too loosely to be of use.
-        newest = self._segments[-1] if self._segments else None
-        off = newest.contradiction(exchange) if newest else 0
-        # A larger step: the autopilot has rebooted, or this computer's clock has been set.
+            return None  # It bounds the offset too loosely to be of use.
+        off = self._segments[-1].contradiction(exchange) if self._segments else 0
+        repeated = None
         if off > SECOND:
             self.restarts += 1
             self._segments.clear()
-        elif newest and off:
+            repeated = 0
+        elif off:
             self.steps += 1
+            newest = self._segments[-1]
             if exchange.sent - exchange.boot > newest.offset(now)[0]:
-                self.repeated_from = exchange.boot - (exchange.received - newest.last.sent)
+                repeated = exchange.boot - (exchange.received - newest.last.sent)
         if off or not self._segments:
             self._segments.append(Segment(now))
-        self._segments[-1].add(exchange)
-        return off > SECOND
+        self._segments[-1].exchanges.append(exchange)
+        return repeated
 
     def boot_time(self, stamp: int) -> tuple[int, int]:
         """Autopilot's time since boot at a ROS time, and its uncertainty; nanoseconds.
@@ -168,44 +156,43 @@ class ClockOffset:
         if len(holders) != 1:
             raise PoseError('a clock stepped around that time', 'clock stepped')
         offset, uncertainty = holders[0].offset(stamp)
-        if len(holders[0].exchanges) < _MINIMUM_EXCHANGES or uncertainty > self._maximum_error:
+        if not self._is_known(holders[0], uncertainty):
             error = PoseAwaitedError if holders[0] is newest else PoseError
             raise error(self._unknown(), 'clock not converged')
         return stamp - offset, uncertainty
 
     def ros_time(self, boot: int) -> int | None:
         """ROS time of a recent time since boot, both in ns; None until that is known."""
-        return boot + self._segments[-1].latest[0] if self._is_known() else None
+        if not self._segments:
+            return None
+        offset, uncertainty = self._latest()
+        return boot + offset if self._is_known(self._segments[-1], uncertainty) else None
 
-    def unwrap(self, time_boot_ms: int, now: int) -> int | None:
-        """Time since boot in ns, past the wrap of `time_boot_ms` after 49.7 days.
+    def recent(self, boot: int, wrap: int, now: int) -> int | None:
+        """Time since boot in ns of a message that has come now, past the wraps of its counter.
 
         None before the first exchange, and for a time that is not of this flight.
         """
         if not self._segments:
             return None
-        boot = time_boot_ms * MILLISECOND
-        boot += (self._boot_now(now) - boot + _WRAP // 2) // _WRAP * _WRAP
-        return boot if self.is_plausible(boot, now) else None
-
-    def is_plausible(self, boot: int, now: int) -> bool:
-        """Whether a time since boot in ns can be that of a message that has come now."""
-        if not self._segments:
-            return False
-        return -10 * SECOND < boot - self._boot_now(now) < SECOND // 2
+        last = self._segments[-1].last
+        boot_now = last.boot + now - last.received
+        boot += round((boot_now - boot) / wrap) * wrap
+        return boot if -SECOND // 2 < boot_now - boot < 10 * SECOND else None
 
     def is_converged(self, now: int) -> bool:
         """Whether the offset is known and was confirmed of late, at a ROS time."""
-        return self._is_known() and now - self._segments[-1].last.received < 2 * SECOND
+        is_known = self.ros_time(0) is not None
+        return is_known and now - self._segments[-1].last.received < 2 * SECOND
 
     @property
     def offset(self) -> float | None:
         """ROS time less time since boot, seconds."""
-        return self._segments[-1].latest[0] / SECOND if self._segments else None
+        return self._latest()[0] / SECOND if self._segments else None
 
     def figures(self, now: int) -> dict[str, str]:
         """What is known of it, at a ROS time."""
-        uncertainty = self._segments[-1].latest[1] if self._segments else None
+        uncertainty = self._latest()[1] if self._segments else None
         median = statistics.median(self._round_trips) if self._round_trips else None
         return {
             'clock converged': str(self.is_converged(now)).lower(),
@@ -217,9 +204,18 @@ class ClockOffset:
             'clock restarts': str(self.restarts),
         }
 
+    def _latest(self) -> tuple[int, int]:
+        """Offset and its uncertainty at the latest exchange."""
+        newest = self._segments[-1]
+        return newest.offset(newest.last.received)
+
+    def _is_known(self, segment: Segment, uncertainty: int) -> bool:
+        is_seen_often = len(segment.exchanges) >= _MINIMUM_EXCHANGES
+        return is_seen_often and uncertainty <= self._maximum_error
+
     def _unknown(self) -> str:
         """Why the offset is not known, and what to do about it."""
-        if not self.answers:
+        if not self._round_trips:
             return 'the autopilot does not answer TIMESYNC: its clock is not known'
         quickest = min(self._round_trips)
         if quickest <= 2 * self._maximum_error:
@@ -232,15 +228,3 @@ class ClockOffset:
             f'for the quickest answers to TIMESYNC take {quickest / MILLISECOND:.0f} ms: make the '
             f'link quicker{remedy if allowed <= MOST_CLOCK_ERROR else ""}'
         )
-
-    def _is_known(self) -> bool:
-        if not self._segments:
-            return False
-        newest = self._segments[-1]
-        return (
-            len(newest.exchanges) >= _MINIMUM_EXCHANGES and newest.latest[1] <= self._maximum_error
-        )
-
-    def _boot_now(self, now: int) -> int:
-        last = self._segments[-1].last
-        return last.boot + now - last.received

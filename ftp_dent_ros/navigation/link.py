@@ -17,7 +17,7 @@ import contextlib
 import copy
 import errno
 import re
-import selectors
+import select
 import socket
 import threading
 import time
@@ -39,8 +39,8 @@ from ftp_dent_ros.pose import Pose
 _COMPUTER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 # Bytes of a datagram at most.
 _LARGEST = 65535
-# Seconds between two tries to open the link, doubled from the one to the other.
-_SHORTEST_WAIT, _LONGEST_WAIT = 0.5, 2.0
+# Seconds between two tries to open the link.
+_PAUSE = 1.0
 # A stream connection that is silent for longer may be dead without saying so; seconds.
 _SILENCE = 5.0
 _REFUSALS = {
@@ -262,7 +262,7 @@ class Link:
         self._ros_time, self._on_poses = ros_time, on_poses
         self._on_command = on_command
         self._vehicle = Vehicle(settings)
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._transport: Transport | None = None
         # From where the vehicle speaks, and when it last did.
         self._peer: Peer = None
@@ -273,19 +273,14 @@ class Link:
         self._roster = Roster()
         self._fault = 'not opened yet'
         self._closing = threading.Event()
-        self._waker, self._wakened = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name='mavlink', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Close the connection and end the thread."""
         self._closing.set()
-        with contextlib.suppress(OSError):
-            self._waker.send(b'.')
         # It may hang in the search for a host's name, and then ends with the process.
         self._thread.join(5.0)
-        self._waker.close()
-        self._wakened.close()
 
     def send_heartbeat(
         self, kind: int = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, component: int = _COMPUTER
@@ -304,7 +299,13 @@ class Link:
     def send(self, message: Any, component: int = _COMPUTER) -> None:
         """Send a message of a component of the vehicle's."""
         with self._lock:
-            self._send(message, component)
+            if self._transport is None:
+                return
+            data = self._codec.pack(message, self._vehicle.system_id, component, time.time_ns())
+            # A connection that broke is found out, and mended, where it is read; what a full
+            # queue does not take is as good as lost.
+            with contextlib.suppress(OSError):
+                self._transport.send(data, self._peer)
 
     def tag_at(self, stamp: int) -> Tag:
         """As `Vehicle.tag_at`, now."""
@@ -348,8 +349,8 @@ class Link:
                 f'no autopilot heard on {self._address}: check that it is on and sends there, and '
                 'system_id',
             )
-        is_alive, is_known = vehicle.is_alive(now), vehicle.clock.is_converged(now.ros)
-        if is_alive and self._is_signing and not self._has_key and not is_known:
+        is_known = vehicle.clock.is_converged(now.ros)
+        if self._is_signing and not self._has_key and not is_known and vehicle.is_alive(now):
             return Verdict(
                 'error',
                 'the autopilot signs what it says and takes nothing that is not signed: set '
@@ -361,12 +362,9 @@ class Link:
         return Instant(self._ros_time(), time.monotonic())
 
     def _run(self) -> None:
-        wait = _SHORTEST_WAIT
         while not self._closing.is_set():
-            opened = self._opened
             self._fault = self._open_and_serve()
-            wait = _SHORTEST_WAIT if self._opened > opened else min(2 * wait, _LONGEST_WAIT)
-            self._closing.wait(wait)
+            self._closing.wait(_PAUSE)
 
     def _open_and_serve(self) -> str:
         """Serve one connection until it breaks; return why it did."""
@@ -397,18 +395,15 @@ class Link:
 
     def _serve(self, transport: Transport) -> None:
         heard = time.monotonic()
-        with selectors.DefaultSelector() as selector:
-            selector.register(transport.channel, selectors.EVENT_READ)
-            selector.register(self._wakened, selectors.EVENT_READ)
-            while not self._closing.is_set():
-                # The clock is looked at every 50 ms, also while nothing comes.
-                if selector.select(0.05) and self._receive(transport):
-                    heard = time.monotonic()
-                if not transport.is_datagram and time.monotonic() - heard > _SILENCE:
-                    raise LinkError(f'nothing has come for {_SILENCE:.0f} s: connecting again')
-                with self._lock:
-                    for message in self._vehicle.requests(self._now()):
-                        self._send(message)
+        while not self._closing.is_set():
+            # The clock is looked at every 50 ms, also while nothing comes.
+            if select.select([transport.channel], [], [], 0.05)[0] and self._receive(transport):
+                heard = time.monotonic()
+            if not transport.is_datagram and time.monotonic() - heard > _SILENCE:
+                raise LinkError(f'nothing has come for {_SILENCE:.0f} s: connecting again')
+            with self._lock:
+                for message in self._vehicle.requests(self._now()):
+                    self.send(message)
 
     def _receive(self, transport: Transport) -> bool:
         """Take what has come; return whether it was anything."""
@@ -456,12 +451,3 @@ class Link:
         source = (message.get_srcSystem(), message.get_srcComponent())
         to_all = message.target_system == 0 and source == vehicle
         return to_all or message.target_system == vehicle[0]
-
-    def _send(self, message: Any, component: int = _COMPUTER) -> None:
-        if self._transport is None:
-            return
-        data = self._codec.pack(message, self._vehicle.system_id, component, time.time_ns())
-        # A connection that broke is found out, and mended, where it is read; what a full queue
-        # does not take is as good as lost.
-        with contextlib.suppress(OSError):
-            self._transport.send(data, self._peer)

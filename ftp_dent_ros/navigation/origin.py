@@ -99,7 +99,7 @@ class Earth:
 
     def figures(self) -> dict[str, str]:
         """What is known of it."""
-        origin = self.origin
+        origin = self._reported
         if origin is None:
             return {}
         return {
@@ -107,12 +107,11 @@ class Earth:
             'origin above the sea (m)': f'{origin.above_sea:.2f}',
         }
 
-    def next_request(self, now: float) -> int | None:
-        """Number of a message to request once, at a steady time; every 3 s until it has come."""
-        if self._reported or now - self._asked <= 3.0:
-            return None
-        self._asked = now
-        return int(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+    def is_due(self, now: float) -> bool:
+        """Whether to ask for it at a steady time: every 3 s until it has come."""
+        is_due = self._reported is None and now - self._asked > 3.0
+        self._asked = now if is_due else self._asked
+        return is_due
 
     def _on_gps_global_origin(self, message: Any, at: Instant) -> None:
         place = place_on_earth(message.latitude, message.longitude, message.altitude)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -34,17 +35,19 @@ class Sample(NamedTuple):
         Attitude (x, y, z, w; FLU -> ENU), or position in `map`, metres.
     rate : ndarray, shape (3,)
         Body rates (FLU, rad/s), or velocity in `map`, m/s.
+    resets : int or None
+        How many resets of the estimator ODOMETRY has counted; None of what does not count them.
+    covariance : ndarray, shape (6, 6), or None
+        The pose's own, where ODOMETRY brings it.
     is_reset : bool
-        Whether the estimator was reset since the sample before.
-    is_of_sample, covariance
-        As of `Motion`.
+        Whether the estimator was reset since the sample before, or another message tells of it.
     """
 
     value: _Vector
     rate: _Vector
-    is_reset: bool = False
-    is_of_sample: bool = False
+    resets: int | None = None
     covariance: Covariance | None = None
+    is_reset: bool = False
 
 
 @dataclass
@@ -64,19 +67,16 @@ class Track:
     samples: list[Sample] = field(default_factory=list)
     resets: int = 0
 
-    def clear(self) -> None:
-        """Forget everything: the stamps start anew."""
-        self.stamps, self.samples = [], []
-
     def add(self, stamp: int, sample: Sample) -> None:
         """Take a sample, unless it is not newer than the last."""
         if self.stamps and stamp <= self.stamps[-1]:
             return
-        if self.stamps and not sample.is_reset:
+        if self.stamps:
             seconds, last = (stamp - self.stamps[-1]) / 1e9, self.samples[-1]
             off = self.step(last.value, sample.value) - (last.rate + sample.rate) / 2 * seconds
             most = self.jump + self.acceleration * seconds**2 / 4
-            sample = sample._replace(is_reset=bool(np.linalg.norm(off) > most))
+            is_reset = sample.resets != last.resets or bool(np.linalg.norm(off) > most)
+            sample = sample._replace(is_reset=is_reset)
         self.resets += sample.is_reset
         self.stamps.append(stamp)
         self.samples.append(sample)
@@ -133,8 +133,22 @@ class PoseHistory:
     def __init__(self, duration: float = 10.0, maximum_gap: float = 0.15) -> None:
         self._maximum_gap = round(maximum_gap * 1e9)
         kept = round(duration * 1e9)
-        self.attitudes = Track('attitude', kept, _turn, _ROTATION_JUMP, 10.0)
-        self.positions = Track('position', kept, _shift, _POSITION_JUMP, 20.0)
+        self._attitudes = Track('attitude', kept, _turn, _ROTATION_JUMP, 10.0)
+        self._positions = Track('position', kept, _shift, _POSITION_JUMP, 20.0)
+        # Spans of the time since boot that came twice.
+        self._repeated = deque[tuple[int, int]](maxlen=8)
+        self._given = 0
+
+    def add(self, stamp: int, attitude: Sample | None, position: Sample | None) -> None:
+        """Take what a message says of a moment."""
+        if attitude is not None:
+            self._attitudes.add(stamp, attitude)
+        if position is not None:
+            self._positions.add(stamp, position)
+
+    def repeat_from(self, stamp: int) -> None:
+        """Give no pose of the times from a stamp on that may come twice."""
+        self._repeated.append((stamp, self.newest + self._maximum_gap))
 
     def at(self, stamp: int) -> tuple[Pose, Motion]:
         """Pose of `base_link` in `map` at a stamp, and how it moved then.
@@ -144,37 +158,46 @@ class PoseHistory:
         PoseAwaitedError
             A sample from after the stamp is still to come.
         PoseError
-            The stamp is older than all samples, or lies in a gap or across a reset.
+            The stamp is older than all samples, or lies in a gap, across a reset, or in a time
+            that has come twice.
         """
-        before, after, turning_gap, weight = self.attitudes.around(stamp, self._maximum_gap)
-        start, end, moving_gap, along = self.positions.around(stamp, self._maximum_gap)
+        if any(first <= stamp <= last for first, last in self._repeated):
+            raise PoseError('a clock stepped back around that time', 'clock stepped')
+        before, after, turning_gap, weight = self._attitudes.around(stamp, self._maximum_gap)
+        start, end, moving_gap, along = self._positions.around(stamp, self._maximum_gap)
         rotation = Rotation.from_quat(before.value)
         if weight:
             rotation *= Rotation.from_rotvec(weight * _turn(before.value, after.value))
-        body_rate = (before if weight <= 0.5 else after).rate
-        velocity = (start if along <= 0.5 else end).rate
-        gap = max(turning_gap, moving_gap)
-        turn_rate = rotation.apply(body_rate)
-        motion = Motion(velocity, turn_rate, gap, end.is_of_sample, end.covariance)
+        motion = Motion(
+            velocity=(start if along <= 0.5 else end).rate,
+            turn_rate=rotation.apply((before if weight <= 0.5 else after).rate),
+            gap=max(turning_gap, moving_gap),
+            is_of_sample=end.resets is not None,
+            covariance=end.covariance,
+        )
         return Pose(rotation, start.value + along * (end.value - start.value)), motion
 
     @property
     def resets(self) -> int:
         """How often the estimator was reset."""
-        return self.attitudes.resets + self.positions.resets
+        return self._attitudes.resets + self._positions.resets
 
     @property
     def newest(self) -> int:
         """Stamp of the newest sample, or 0."""
-        return max(self.attitudes.stamps[-1:] + self.positions.stamps[-1:], default=0)
+        return max(self._attitudes.stamps[-1:] + self._positions.stamps[-1:], default=0)
 
-    def stamps_since(self, stamp: int) -> list[int]:
-        """Stamps of attitudes later than `stamp` that lie within the known positions."""
-        stamps, positions = self.attitudes.stamps, self.positions.stamps
+    def fresh(self) -> list[int]:
+        """Stamps of attitudes that lie within the known positions and were not given before."""
+        stamps, positions = self._attitudes.stamps, self._positions.stamps
         if not positions:
             return []
-        begin = max(bisect.bisect_right(stamps, stamp), bisect.bisect_left(stamps, positions[0]))
-        return stamps[begin : bisect.bisect_right(stamps, positions[-1])]
+        begin = max(
+            bisect.bisect_right(stamps, self._given), bisect.bisect_left(stamps, positions[0])
+        )
+        found = stamps[begin : bisect.bisect_right(stamps, positions[-1])]
+        self._given = max([self._given, *found[-1:]])
+        return found
 
 
 def _shift(start: _Vector, end: _Vector) -> _Vector:
@@ -190,11 +213,31 @@ def _ms(nanoseconds: float) -> str:
     return f'{nanoseconds / 1e6:.0f} ms'
 
 
-def attitude(message: Any) -> Sample | None:
-    """Sample of an ATTITUDE_QUATERNION or ODOMETRY.
+def samples(message: Any) -> tuple[Sample | None, Sample | None]:
+    """Attitude and position of an ATTITUDE_QUATERNION, LOCAL_POSITION_NED or ODOMETRY.
 
-    None if it is impossible: not finite, or no rotation.
+    None of either that it does not bring, and of both if one is impossible: not finite, no
+    rotation, or not in a frame that knows north.
     """
+    name = message.get_type()
+    turn = None if name == 'LOCAL_POSITION_NED' else _attitude(message)
+    place = None if name == 'ATTITUDE_QUATERNION' else _position(message)
+    if name != 'ODOMETRY':
+        return turn, place
+    is_in_map = message.child_frame_id == mavlink.MAV_FRAME_LOCAL_NED
+    is_in_body = message.child_frame_id == mavlink.MAV_FRAME_BODY_FRD
+    is_known = message.frame_id == mavlink.MAV_FRAME_LOCAL_NED and (is_in_map or is_in_body)
+    if turn is None or place is None or not is_known:
+        return None, None
+    if is_in_body:
+        velocity = frames.flu_from_frd((message.vx, message.vy, message.vz))
+        place = place._replace(rate=Rotation.from_quat(turn.value).apply(velocity))
+    covariance = pose_covariance.of_odometry(message.pose_covariance)
+    turn = turn._replace(resets=message.reset_counter)
+    return turn, place._replace(resets=message.reset_counter, covariance=covariance)
+
+
+def _attitude(message: Any) -> Sample | None:
     is_odometry = message.get_type() == 'ODOMETRY'
     quaternion = message.q if is_odometry else (message.q1, message.q2, message.q3, message.q4)
     rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
@@ -204,26 +247,8 @@ def attitude(message: Any) -> Sample | None:
     return Sample(frames.enu_attitude(quaternion), frames.flu_from_frd(rates))
 
 
-def position(message: Any) -> Sample | None:
-    """Sample of a LOCAL_POSITION_NED; None if it is not finite."""
+def _position(message: Any) -> Sample | None:
     place, velocity = (message.x, message.y, message.z), (message.vx, message.vy, message.vz)
     if not all(map(math.isfinite, (*place, *velocity))):
         return None
     return Sample(frames.enu_from_ned(place), frames.enu_from_ned(velocity))
-
-
-def odometry(message: Any) -> tuple[Sample, Sample] | None:
-    """Samples of attitude and position of an ODOMETRY.
-
-    None if it is impossible, or not in a frame that knows north; no covariance if it says none.
-    """
-    turn, place = attitude(message), position(message)
-    if message.frame_id != mavlink.MAV_FRAME_LOCAL_NED or turn is None or place is None:
-        return None
-    if message.child_frame_id == mavlink.MAV_FRAME_BODY_FRD:
-        velocity = frames.flu_from_frd((message.vx, message.vy, message.vz))
-        place = place._replace(rate=Rotation.from_quat(turn.value).apply(velocity))
-    elif message.child_frame_id != mavlink.MAV_FRAME_LOCAL_NED:
-        return None
-    covariance = pose_covariance.of_odometry(message.pose_covariance)
-    return turn, place._replace(is_of_sample=True, covariance=covariance)

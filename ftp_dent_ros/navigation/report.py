@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -16,8 +17,8 @@ class Verdict(NamedTuple):
 
 
 def number(value: float | None, digits: int, factor: float = 1.0) -> str:
-    """A figure with that many digits, times a factor."""
-    return 'unknown' if value is None else f'{factor * value:.{digits}f}'
+    """A figure with that many digits, times a factor; None and NaN are not known."""
+    return 'unknown' if value is None or math.isnan(value) else f'{factor * value:.{digits}f}'
 
 
 def enum_name(enumeration: str, value: int) -> str:

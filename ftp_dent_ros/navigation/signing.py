@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -68,10 +69,19 @@ def is_signed(message: Any) -> bool:
 
 
 class _Parser(mavlink.MAVLink):
-    """Tells in `why` what was wrong with the last signature."""
+    """Tells in `why` what was wrong with the last signature.
 
-    def __init__(self, heard: dict[tuple[int, int, int], int], autopilot: int) -> None:
+    `heard` has of each stream the time it was signed with last, and when that was heard.
+    """
+
+    def __init__(
+        self,
+        signing: mavlink.MAVLinkSigning,
+        heard: dict[tuple[int, int, int], tuple[int, int]],
+        autopilot: int,
+    ) -> None:
         super().__init__(None)
+        self.robust_parsing, self.signing = True, signing
         self.why, self.now, self._heard, self._autopilot = '', 0, heard, autopilot
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
@@ -82,14 +92,15 @@ class _Parser(mavlink.MAVLink):
             return False
         stream = (msgbuf[-13], srcSystem, srcComponent)
         time = int.from_bytes(msgbuf[-12:-6], 'little')
-        is_new = self.now - self._heard.get(stream, 0) > _BEGUN_ANEW_NS
-        is_new = is_new and srcComponent == self._autopilot
-        if is_new and time + _MOST_BEHIND >= self.signing.timestamp:
-            self.signing.stream_timestamps.pop(stream, None)
-        if not super().check_signature(msgbuf, srcSystem, srcComponent):
+        last, heard = self._heard.get(stream, (math.inf, 0))
+        is_new = stream not in self._heard
+        if srcComponent == self._autopilot:
+            is_new = is_new or self.now - heard > _BEGUN_ANEW_NS
+        if time <= last and not (is_new and time + _MOST_BEHIND >= self.signing.timestamp):
             self.why = 'time'
             return False
-        self._heard[stream] = self.now
+        self._heard[stream] = time, self.now
+        self.signing.timestamp = max(self.signing.timestamp, time)
         return True
 
 
@@ -118,7 +129,7 @@ class Codec:
         self.bad_bytes = self.refused = 0
         self._autopilot = autopilot
         self.refusal = (0, '')
-        self._heard: dict[tuple[int, int, int], int] = {}
+        self._heard: dict[tuple[int, int, int], tuple[int, int]] = {}
         self._is_whole = False
         self._signing = mavlink.MAVLinkSigning()
         if key:
@@ -172,7 +183,4 @@ class Codec:
             self._signing.timestamp = max(self._signing.timestamp, units)
 
     def _new_parser(self) -> _Parser:
-        parser = _Parser(self._heard, self._autopilot)
-        parser.robust_parsing = True
-        parser.signing = self._signing
-        return parser
+        return _Parser(self._signing, self._heard, self._autopilot)

@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
@@ -40,10 +39,15 @@ _FATAL = {
 }
 # Test ratios of position and of height.
 _RATIOS = {
-    'EKF_STATUS_REPORT': (('velocity_variance', 'pos_horiz_variance'), ('pos_vert_variance',)),
-    'ESTIMATOR_STATUS': (('vel_ratio', 'pos_horiz_ratio'), ('pos_vert_ratio',)),
+    'EKF_STATUS_REPORT': {
+        'position': ('velocity_variance', 'pos_horiz_variance'),
+        'height': ('pos_vert_variance',),
+    },
+    'ESTIMATOR_STATUS': {
+        'position': ('vel_ratio', 'pos_horiz_ratio'),
+        'height': ('pos_vert_ratio',),
+    },
 }
-_FROZEN = 'estimator frozen'
 # Both autopilots' GPS gives five fixes a second or more, and a link whose rates are not ours to
 # set gives one: further apart, seconds, nothing is vouched for.
 _LONGEST = 1.5
@@ -112,22 +116,23 @@ class ReportHistory:
         PoseError
             One of them is bad, or too long did not come.
         """
-        awaited, missing = f'{self._name} report awaited', f'{self._name} not reported'
-        if self.last is None:
-            if heard - self._since < self._longest:
-                raise PoseAwaitedError(f'the autopilot has not reported {self._what} yet', awaited)
-            raise PoseError(f'the autopilot does not report {self._what}', missing)
         # Before the first there is none, nor after the last.
         pairs = pairwise([None, *self._reports, None])
         before, after = [pair for pair in pairs if pair[0] is None or pair[0].now <= stamp][-1]
         for report in (before, after):
             if report is not None and report.fault is not None:
                 raise report.fault.with_traceback(None)
-        if before is None or (after.now if after else heard) - before.now > self._longest:
-            raise PoseError(f'the autopilot did not report {self._what} around that time', missing)
-        if after is None:
+        begin = before.now if before else self._since
+        end = after.now if after else heard
+        if end - begin > self._longest or (after and not before):
+            raise PoseError(
+                f'the autopilot did not report {self._what} around that time',
+                f'{self._name} not reported',
+            )
+        if not (before and after):
             raise PoseAwaitedError(
-                f'the autopilot has not reported {self._what} since the stamp', awaited
+                f'the autopilot has not reported {self._what} since the stamp',
+                f'{self._name} report awaited',
             )
         return before, after
 
@@ -156,16 +161,16 @@ class Trust:
         self.handlers: dict[str, Callable[[Any, Instant], None]] = {
             **dict.fromkeys(_FATAL, self._on_report),
             'DISTANCE_SENSOR': self._on_distance_sensor,
+            'GPS_RAW_INT': self._on_gps_raw_int,
+            'GLOBAL_POSITION_INT': self._on_global_position_int,
         }
-        if self._has_gps:
-            self.handlers['GPS_RAW_INT'] = self._on_gps_raw_int
-            self.handlers['GLOBAL_POSITION_INT'] = self._on_global_position_int
-        # Since when the test ratios of a sensor stand still.
+        # Test ratios of each sensor, and since when they stand still.
         self._ratios: dict[str, tuple[str, int]] = {}
-        self._fix: Any = None
+        self._fix: Any = mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0, 255)
         self._best = math.inf
         self._estimate: tuple[int, Origin, float] | None = None
-        self._apart: NDArray[np.float64] | None = None
+        # How far the estimate is from GPS, across and up, metres.
+        self._apart = math.nan, math.nan
         self._ground: float | None = None
 
     def rates(self, autopilot: int) -> dict[str, float]:
@@ -198,14 +203,8 @@ class Trust:
         PoseError
             The estimate is not to be believed at that time.
         """
-        try:
-            reports = self._estimator.around(stamp, heard)
-        except PoseError as error:
-            if error.reason == _FROZEN and self._has_gps:
-                self._gps.around(stamp, heard)  # Rather the cause than what comes of it.
-            raise
-        estimate = max((each.value for each in reports), key=lambda each: float(each.trace()))
         across = up = 0.0
+        # First, for a lost GPS is the cause of what the estimator reports then.
         if self._has_gps:
             before, after = self._gps.around(stamp, heard)
             # An estimator's acceleration is uncertain by 0.1 m/s2: between two fixes it is on its
@@ -213,6 +212,8 @@ class Trust:
             adrift = 0.1 * (1e-9 * (after.now - before.now)) ** 2 / 2
             across, up = np.maximum(before.value, after.value)
             across = float(np.hypot(adrift, across))
+        reports = self._estimator.around(stamp, heard)
+        estimate = max((each.value for each in reports), key=lambda each: float(each.trace()))
         return estimate, pose_covariance.diagonal((across, across, up), (0.0, 0.0, 0.0))
 
     def is_good(self, now: int) -> bool:
@@ -225,31 +226,23 @@ class Trust:
         values = {'estimator': self._estimator.state(now)}
         if self._has_gps:
             fix, last = self._fix, self._gps.last
-            across, up = (None, None) if self._apart is None else _across_and_up(self._apart)
             values |= {
-                'GPS fix': 'none' if fix is None else enum_name('GPS_FIX_TYPE', fix.fix_type),
-                'GPS satellites': number(fix and _satellites(fix), 0),
-                'GPS within, across (m)': number(fix and _metres(fix.h_acc), 2),
-                'GPS within, up (m)': number(fix and _metres(fix.v_acc), 2),
+                'GPS fix': enum_name('GPS_FIX_TYPE', fix.fix_type),
+                'GPS satellites': number(_satellites(fix), 0),
+                'GPS within, across (m)': number(_metres(fix.h_acc), 2),
+                'GPS within, up (m)': number(_metres(fix.v_acc), 2),
                 'GPS fix age (s)': number(last and (now - last.now) / 1e9, 2),
-                'estimate from GPS, across (m)': number(across, 2),
-                'estimate from GPS, up (m)': number(up, 2),
+                'estimate from GPS, across (m)': number(self._apart[0], 2),
+                'estimate from GPS, up (m)': number(self._apart[1], 2),
             }
         if self._ground is not None:
             values['range finder, down (m)'] = number(self._ground, 2)
         return values
 
     def _on_report(self, message: Any, at: Instant) -> None:
-        name = message.get_type()
         covariance = pose_covariance.reported(message)
-        across, up = (
-            [float(getattr(message, field)) for field in fields] for fields in _RATIOS[name]
-        )
-        # Where the position is only relative (optical flow), its ratios are not in use.
-        is_absolute = bool(message.flags & _ABSOLUTE)
-        fault = self._find_frozen('position', across, at.ros) if is_absolute else None
-        fault = fault or self._find_frozen('height', up, at.ros)
-        if not is_ready(name, message.flags):
+        fault = self._find_frozen(message, at.ros)
+        if not is_ready(message.get_type(), message.flags):
             fault = PoseError(
                 "the autopilot's estimator was not ready at that time", 'estimator not ready'
             )
@@ -260,53 +253,56 @@ class Trust:
             )
         self._estimator.add(fault, covariance, at.ros)
 
-    def _find_frozen(self, sensor: str, ratios: list[float], now: int) -> PoseError | None:
-        """What test ratios say that stand still. Compared as text: a NaN differs from itself."""
-        if self._ratios.get(sensor, ('', 0))[0] != repr(ratios):
-            self._ratios[sensor] = repr(ratios), now
-        seconds = (now - self._ratios[sensor][1]) / 1e9
-        # GPS gives a fix five times a second and the report is asked for as often: ratios that
-        # stand still for longer have missed three fixes. Barometers are ten times as fast.
-        if seconds < 0.7:
-            return None
-        return PoseError(
-            f"the test ratios of the autopilot's estimator have stood still for {seconds:.1f} s: "
-            f'it uses no measurement of {sensor}',
-            _FROZEN,
-        )
+    def _find_frozen(self, message: Any, now: int) -> PoseError | None:
+        """What test ratios say that stand still."""
+        for sensor, names in _RATIOS[message.get_type()].items():
+            # Compared as text: a NaN differs from itself.
+            ratios = repr([getattr(message, name) for name in names])
+            if self._ratios.get(sensor, ('', 0))[0] != ratios:
+                self._ratios[sensor] = ratios, now
+            seconds = (now - self._ratios[sensor][1]) / 1e9
+            # Where the position is only relative (optical flow), its ratios are not in use.
+            is_used = sensor == 'height' or message.flags & _ABSOLUTE
+            # GPS gives a fix five times a second and the report is asked for as often: ratios
+            # that stand still for longer have missed three fixes. Barometers are ten times as
+            # fast.
+            if is_used and seconds >= 0.7:
+                return PoseError(
+                    "the test ratios of the autopilot's estimator have stood still for "
+                    f'{seconds:.1f} s: it uses no measurement of {sensor}',
+                    'estimator frozen',
+                )
+        return None
 
     def _on_global_position_int(self, message: Any, at: Instant) -> None:
         place = place_on_earth(message.lat, message.lon, message.alt)
-        speed = 0.01 * float(np.hypot(message.vx, message.vy))
-        self._estimate = None if place is None else (at.ros, place, speed)
+        speed = 0.01 * math.hypot(message.vx, message.vy)
+        self._estimate = (at.ros, place, speed) if place else None
 
     def _on_gps_raw_int(self, message: Any, at: Instant) -> None:
         before, self._fix = self._fix, message
         fault = _find_fault(message)
-        is_repeated = before is not None and 0 != message.time_usec == before.time_usec
-        if fault is not None or not is_repeated:
-            value = (0.0, 0.0) if fault else self._doubt(message, at.ros)
-            self._gps.add(fault, value, at.ros)
+        is_repeated = 0 != message.time_usec == before.time_usec
+        if fault or not is_repeated:
+            self._gps.add(fault, None if fault else self._doubt(message, at.ros), at.ros)
 
     def _doubt(self, message: Any, now: int) -> tuple[float, float]:
         """What a good fix adds to the estimator's own standard deviations across and up."""
         accuracy = _metres(message.h_acc)
-        worse = 0.0
-        if accuracy is not None:
-            self._best = min(self._best, accuracy)
-            worse = accuracy - self._best
+        self._best = np.fmin(self._best, accuracy)
+        worse = np.fmax(0.0, accuracy - self._best)
         place = place_on_earth(message.lat, message.lon, message.alt)
-        self._apart = None
+        self._apart = math.nan, math.nan
         if place is None or self._estimate is None or now - self._estimate[0] > 1e9 * _LONGEST:
             return worse, 0.0
         # How far GPS and the estimator are apart, where noise is no excuse.
         _, estimate, speed = self._estimate
-        self._apart = place.offset_of(estimate)
-        across, up = _across_and_up(self._apart)
+        east, north, up = place.offset_of(estimate)
+        across = math.hypot(east, north)
+        self._apart = across, up
         # Noise of a fix as ArduPilot assumes it where GPS does not say more: EK3_POSNE_M_NSE and
         # EK3_ALT_M_NSE. A fix is some 0.2 s old when it arrives.
-        noise = max(0.5, accuracy or 0.0)
-        noise_up = max(2.0, _metres(message.v_acc) or 0.0)
+        noise, noise_up = np.fmax(0.5, accuracy), np.fmax(2.0, _metres(message.v_acc))
         return (
             max(worse, across if across > _SIGMAS * noise + 0.3 * speed else 0.0),
             abs(up) if abs(up) > _SIGMAS * noise_up else 0.0,
@@ -319,34 +315,27 @@ class Trust:
             self._ground = 0.01 * distance if is_within else None
 
 
-def _across_and_up(offset: NDArray[np.float64]) -> tuple[float, float]:
-    return float(np.hypot(*offset[:2])), float(offset[2])
-
-
 def _find_fault(message: Any) -> PoseError | None:
     """What is wrong with a fix."""
     satellites, accuracy = _satellites(message), _metres(message.h_acc)
-    counted = '' if satellites is None else f', {satellites} satellites'
     if message.fix_type < mavlink.GPS_FIX_TYPE_3D_FIX:
         name = enum_name('GPS_FIX_TYPE', message.fix_type)
+        counted = '' if math.isnan(satellites) else f', {satellites:.0f} satellites'
         return PoseError(f'GPS has no fix ({name}{counted})', 'GPS lost')
-    if satellites is not None and satellites < _SATELLITES:
-        return PoseError(
-            f'GPS has only {satellites} satellites: {_SATELLITES} are wanted', 'GPS too poor'
-        )
-    if accuracy is not None and accuracy > _ACCURACY:
-        return PoseError(
-            f'GPS is accurate to {accuracy:.1f} m only: {_ACCURACY:.0f} m are wanted',
-            'GPS too poor',
-        )
-    return None
+    if satellites < _SATELLITES:
+        wrong = f'GPS has only {satellites:.0f} satellites: {_SATELLITES} are wanted'
+    elif accuracy > _ACCURACY:
+        wrong = f'GPS is accurate to {accuracy:.1f} m only: {_ACCURACY:.0f} m are wanted'
+    else:
+        return None
+    return PoseError(wrong, 'GPS too poor')
 
 
-def _satellites(message: Any) -> int | None:
-    count = int(message.satellites_visible)
-    return None if count == 255 else count
+def _satellites(message: Any) -> float:
+    """How many are seen; NaN if it does not say."""
+    return math.nan if message.satellites_visible == 255 else message.satellites_visible
 
 
-def _metres(millimetres: int) -> float | None:
-    """An accuracy; 0 is that of a MAVLink 1 autopilot, which cannot say it."""
-    return 1e-3 * millimetres if millimetres else None
+def _metres(millimetres: int) -> float:
+    """An accuracy; 0 is that of a MAVLink 1 autopilot, which cannot say it, and gives NaN."""
+    return 1e-3 * millimetres or math.nan

@@ -11,17 +11,16 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import PoseAwaitedError, PoseError
 from ftp_dent_ros.navigation import pose_covariance, pose_history
-from ftp_dent_ros.navigation.clock import SECOND, ClockOffset
+from ftp_dent_ros.navigation.clock import MILLISECOND, SECOND, ClockOffset
 from ftp_dent_ros.navigation.origin import Earth
-from ftp_dent_ros.navigation.pose_covariance import Motion, Tag
-from ftp_dent_ros.navigation.pose_history import PoseHistory, Sample, Track
+from ftp_dent_ros.navigation.pose_covariance import Tag
+from ftp_dent_ros.navigation.pose_history import PoseHistory
 from ftp_dent_ros.navigation.report import Verdict, enum_name, number
 from ftp_dent_ros.navigation.settings import Instant, VehicleSettings
 from ftp_dent_ros.navigation.trust import Trust
@@ -30,8 +29,8 @@ from ftp_dent_ros.pose import Pose
 # A message that stays away is asked for again after as long, seconds (a link may hold messages up
 # for a tenth of a second), or as many intervals; then after twice as long, and so on.
 _PATIENCE, _MISSED = 0.1, 5
-# Seconds between two requests at most, for a message without which there is no pose.
-_LONGEST_PAUSE = 8.0
+# Seconds between two requests at most, for a message without which there is no pose, and others.
+_LONGEST_PAUSE, _LONGEST_PAUSE_OF_OTHERS = 8.0, 60.0
 # Share of the rate asked for that is enough.
 _ENOUGH = 0.8
 
@@ -60,20 +59,21 @@ class Stream:
         MAVLink's name of the message.
     rate : float
         Hz; the autopilot gets the interval in whole milliseconds, as ArduPilot counts.
-    longest_pause : float
-        The pause between two requests doubles up to this.
+    is_needed : bool
+        Whether there is no pose without it: then the pause between two requests doubles up to 8
+        seconds, else up to a minute.
     """
 
     name: str
     rate: float
-    longest_pause: float = 60.0
+    is_needed: bool = False
     asked: float = -math.inf
-    heard: float = -math.inf
     pause: float = 0.0
     arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
 
     def __post_init__(self) -> None:
         self._window = max(2.0, 5 / self.rate)
+        self._patience = max(_PATIENCE, _MISSED / self.rate)
 
     def measured(self, now: float) -> float:
         """Rate over the last seconds, Hz."""
@@ -88,17 +88,16 @@ class Stream:
     def receive(self, now: float) -> None:
         """Note that one has come."""
         self.arrivals.append(now)
-        self.heard = now
         if self.measured(now) >= _ENOUGH * self.rate:
-            self.pause = max(_PATIENCE, _MISSED / self.rate)
+            self.pause = self._patience
 
     def request(self, vehicle: tuple[int, int], now: float) -> Message | None:
         """Request to send now, if it stays away or comes too slowly."""
-        is_silent = now - max(self.asked, self.heard) > self.pause
-        if not (is_silent or (self.is_slow(now) and now - self.asked > self.pause)):
+        is_silent = not self.arrivals or now - self.arrivals[-1] > self.pause
+        if now - self.asked <= self.pause or not (is_silent or self.is_slow(now)):
             return None
-        patience = max(_PATIENCE, _MISSED / self.rate)
-        self.pause = min(max(2 * self.pause, patience), self.longest_pause)
+        longest = _LONGEST_PAUSE if self.is_needed else _LONGEST_PAUSE_OF_OTHERS
+        self.pause = min(max(2 * self.pause, self._patience), longest)
         self.asked = now
         interval_us = max(1, round(1000 / self.rate)) * 1000
         number = getattr(mavlink, f'MAVLINK_MSG_ID_{self.name}')
@@ -126,22 +125,16 @@ class Vehicle:
         self.clock = ClockOffset(maximum_error=settings.maximum_clock_error)
         self._settings = settings
         self._autopilot = mavlink.MAV_AUTOPILOT_INVALID
-        self._history = PoseHistory(_LONGEST_AGE, settings.maximum_gap)
-        self._heard: Instant | None = None
-        self._sequence: int | None = None
-        self._streamed = self._streamed_ros = 0
-        self._messages = self._foreign = self._lost = self._malformed = 0
-        # Spans of the time since boot that came twice.
-        self._repeated = deque[tuple[int, int]](maxlen=8)
+        self._heard = Instant(0, -math.inf)
+        self._sequence = self._streamed_ros = 0
+        self._counts = dict.fromkeys(
+            ('messages', 'messages of others', 'messages lost', 'messages malformed'), 0
+        )
         self._handlers: dict[str, Callable[[Message, Instant], None]] = {
             'TIMESYNC': self._on_timesync,
-            'ATTITUDE_QUATERNION': partial(
-                self._on_sample, self._history.attitudes, pose_history.attitude
-            ),
-            'LOCAL_POSITION_NED': partial(
-                self._on_sample, self._history.positions, pose_history.position
-            ),
-            'ODOMETRY': self._on_odometry,
+            'ATTITUDE_QUATERNION': self._on_pose,
+            'LOCAL_POSITION_NED': self._on_pose,
+            'ODOMETRY': self._on_pose,
         }
         self._start_anew(0)
 
@@ -154,16 +147,18 @@ class Vehicle:
         """Take a message from anybody; return whether it is the autopilot's that is believed."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         name = message.get_type()
-        if self.identity is None and self._is_wanted(message, source, name):
-            self.identity = source
-            self._autopilot = message.autopilot
+        if self.identity is None and self._is_wanted(message, source):
+            self.identity, self._autopilot = source, message.autopilot
+            self._sequence = message.get_seq() - 1
             self._start_anew(at.ros)
         if source != self.identity:
-            self._foreign += 1
+            self._counts['messages of others'] += 1
             return False
-        self._messages += 1
-        self._count_losses(message.get_seq())
-        self._heard = at
+        self._counts['messages'] += 1
+        missed = (message.get_seq() - self._sequence - 1) % 256
+        # More than half a turn is a message that was overtaken or sent twice.
+        self._counts['messages lost'] += missed if missed < 128 else 0
+        self._sequence, self._heard = message.get_seq(), at
         if name in self._streams:
             self._streams[name].receive(at.steady)
         for handlers in (self._handlers, self._trust.handlers, self.earth.handlers):
@@ -185,10 +180,9 @@ class Vehicle:
             if request is not None:
                 messages.append(request)
                 break
-        once = self.earth.next_request(at.steady)
-        if once is not None:
-            command = mavlink.MAV_CMD_REQUEST_MESSAGE
-            messages.append(_command(self.identity, command, once, 0))
+        if self.earth.is_due(at.steady):
+            once = mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
+            messages.append(_command(self.identity, *once, 0))
         return messages
 
     def tag_at(self, stamp: int, at: Instant) -> Tag:
@@ -211,12 +205,12 @@ class Vehicle:
             raise PoseError(
                 f"the stamp is {-age:.1f} s ahead of this computer's clock", 'stamp in the future'
             )
-        if self.identity is None or self._heard is None:
+        if self.identity is None:
             raise PoseAwaitedError('no autopilot has been heard on the link', 'no autopilot')
         try:
             reported, doubt = self._trust.check(stamp, self._heard.ros)
             boot, clock_doubt = self.clock.boot_time(stamp)
-            pose, motion = self._pose(boot)
+            pose, motion = self._history.at(boot)
         except PoseAwaitedError as error:
             if self.is_alive(at):
                 raise
@@ -233,10 +227,7 @@ class Vehicle:
 
         Their stamps follow the clock as it was last heard of, for a stream cannot wait.
         """
-        fresh = self._history.stamps_since(self._streamed)
-        if not fresh:
-            return []
-        self._streamed = fresh[-1]
+        fresh = self._history.fresh()
         if not self._trust.is_good(at.ros):
             return []
         poses = []
@@ -246,13 +237,13 @@ class Vehicle:
             if stamp is None or stamp <= self._streamed_ros:
                 continue
             with contextlib.suppress(PoseError):
-                poses.append((stamp, self._pose(boot)[0]))
+                poses.append((stamp, self._history.at(boot)[0]))
                 self._streamed_ros = stamp
         return poses
 
     def is_alive(self, at: Instant) -> bool:
         """Whether the autopilot has been heard of late."""
-        return self._heard is not None and at.steady - self._heard.steady < _SILENCE
+        return at.steady - self._heard.steady < _SILENCE
 
     def verdict(self, at: Instant) -> Verdict:
         """What keeps a cloud of a moment ago from getting its pose; else what is not as wanted."""
@@ -264,7 +255,7 @@ class Vehicle:
             is_awaited = isinstance(error, PoseAwaitedError)
             text = f'{error}: no cloud is tagged'
             return Verdict('warning' if is_awaited else 'error', text, error.reason)
-        needed = [each for each in self._streams.values() if each.longest_pause == _LONGEST_PAUSE]
+        needed = [each for each in self._streams.values() if each.is_needed]
         slow = ' and '.join(each.name for each in needed if each.is_slow(at.steady))
         if slow and at.steady - self._odometry_heard > _PREFERRED:
             return Verdict('warning', f'too few {slow} come, asked for again: lower the rate')
@@ -272,7 +263,7 @@ class Vehicle:
 
     def figures(self, at: Instant) -> dict[str, str]:
         """What is known of the vehicle, by name, in the units that are in the names."""
-        silence = None if self._heard is None else at.steady - self._heard.steady
+        silence = at.steady - self._heard.steady if self.identity else None
         streams = self._streams.values()
         newest = self.clock.ros_time(self._history.newest) if self._history.newest else None
         return {
@@ -281,25 +272,16 @@ class Vehicle:
             'silence (s)': number(silence, 2),
             'pose age (ms)': number(None if newest is None else at.ros - newest, 1, 1e-6),
             'estimator resets': str(self._history.resets),
-            'messages': str(self._messages),
-            'messages of others': str(self._foreign),
-            'messages lost': str(self._lost),
-            'messages malformed': str(self._malformed),
+            **{name: str(count) for name, count in self._counts.items()},
             **self._trust.figures(at.ros),
             **self.clock.figures(at.ros),
             **self.earth.figures(),
             **{f'{each.name} (Hz)': f'{each.measured(at.steady):.1f}' for each in streams},
         }
 
-    def _pose(self, boot: int) -> tuple[Pose, Motion]:
-        """Pose at a time since boot; PoseError also for a time that has come twice."""
-        if any(first <= boot <= last for first, last in self._repeated):
-            raise PoseError('a clock stepped back around that time', 'clock stepped')
-        return self._history.at(boot)
-
-    def _is_wanted(self, message: Message, source: tuple[int, int], name: str) -> bool:
+    def _is_wanted(self, message: Message, source: tuple[int, int]) -> bool:
         return (
-            name == 'HEARTBEAT'
+            message.get_type() == 'HEARTBEAT'
             and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
             and source[0] == (self._settings.system_id or source[0])
             and source[1] == self._settings.component_id
@@ -310,62 +292,40 @@ class Vehicle:
         self._trust, self.earth = Trust(self._settings, now), Earth()
         rate = self._settings.rate
         streams = [
-            Stream('ATTITUDE_QUATERNION', rate, _LONGEST_PAUSE),
-            Stream('LOCAL_POSITION_NED', rate, _LONGEST_PAUSE),
+            Stream('ATTITUDE_QUATERNION', rate, is_needed=True),
+            Stream('LOCAL_POSITION_NED', rate, is_needed=True),
             Stream('ODOMETRY', rate),
             *(Stream(*each) for each in self._trust.rates(self._autopilot).items()),
         ]
         self._streams = {stream.name: stream for stream in streams}
-        self._clear_poses()
-
-    def _clear_poses(self) -> None:
-        """Forget all poses: their stamps start anew."""
-        self._history.attitudes.clear()
-        self._history.positions.clear()
-        self._repeated.clear()
-        self._streamed = 0
         self._odometry_heard = -math.inf
-        self._reset_counter: int | None = None
+        self._forget_poses()
 
-    def _count_losses(self, sequence: int) -> None:
-        if self._sequence is not None:
-            missed = (sequence - self._sequence - 1) % 256
-            # More than half a turn is a message that was overtaken or sent twice.
-            self._lost += missed if missed < 128 else 0
-        self._sequence = sequence
+    def _forget_poses(self) -> None:
+        self._history = PoseHistory(_LONGEST_AGE, self._settings.maximum_gap)
 
     def _on_timesync(self, message: Message, at: Instant) -> None:
-        if self.clock.answer(message.tc1, message.ts1, at.ros):
+        repeated = self.clock.answer(message.tc1, message.ts1, at.ros)
+        if repeated == 0:
             self._start_anew(at.ros)
-        elif self.clock.repeated_from is not None:
-            gap = round(self._settings.maximum_gap * SECOND)
-            self._repeated.append((self.clock.repeated_from, self._history.newest + gap))
+        elif repeated is not None:
+            self._history.repeat_from(repeated)
 
-    def _on_sample(
-        self,
-        track: Track,
-        read: Callable[[Message], Sample | None],
-        message: Message,
-        at: Instant,
-    ) -> None:
-        sample, stamp = read(message), self.clock.unwrap(message.time_boot_ms, at.ros)
-        if sample is None:
-            self._malformed += 1
-        elif stamp is not None and at.steady - self._odometry_heard > _PREFERRED:
-            track.add(stamp, sample)
-
-    def _on_odometry(self, message: Message, at: Instant) -> None:
-        samples = pose_history.odometry(message)
-        stamp = 1000 * message.time_usec
-        if samples is None:
-            self._malformed += 1
-        elif self.clock.is_plausible(stamp, at.ros):
-            if at.steady - self._odometry_heard > _PREFERRED:
+    def _on_pose(self, message: Message, at: Instant) -> None:
+        attitude, position = pose_history.samples(message)
+        if attitude is None and position is None:
+            self._counts['messages malformed'] += 1
+            return
+        is_odometry = message.get_type() == 'ODOMETRY'
+        boot = 1000 * message.time_usec if is_odometry else MILLISECOND * message.time_boot_ms
+        wrap = 2**64 * 1000 if is_odometry else 2**32 * MILLISECOND
+        stamp = self.clock.recent(boot, wrap, at.ros)
+        is_preferred = at.steady - self._odometry_heard <= _PREFERRED
+        if stamp is None or (is_preferred and not is_odometry):
+            return
+        if is_odometry:
+            if not is_preferred:
                 # The others' stamps are those of later moments: the two do not mix.
-                self._clear_poses()
+                self._forget_poses()
             self._odometry_heard = at.steady
-            counter, self._reset_counter = self._reset_counter, message.reset_counter
-            is_reset = counter is not None and counter != message.reset_counter
-            attitude, position = samples
-            self._history.attitudes.add(stamp, attitude._replace(is_reset=is_reset))
-            self._history.positions.add(stamp, position._replace(is_reset=is_reset))
+        self._history.add(stamp, attitude, position)

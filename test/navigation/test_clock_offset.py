@@ -33,7 +33,6 @@ class Wire:
         self.clock = ClockOffset()
         self.vehicle, self.delays = vehicle, delays
         self.now = START
-        self.restarts = 0
 
     def run(self, seconds: float) -> Wire:
         for _ in range(round(10 * seconds)):
@@ -41,7 +40,7 @@ class Wire:
             assert ts1 == self.now
             there, back = self.delays()
             tc1 = self.vehicle(self.now + there)
-            self.restarts += self.clock.answer(tc1, ts1, self.now + there + back)
+            self.clock.answer(tc1, ts1, self.now + there + back)
             self.now += SECOND // 10
         return self
 
@@ -113,36 +112,28 @@ def test_a_stamp_is_converted_only_between_two_exchanges() -> None:
     assert not isinstance(earlier.value, PoseAwaitedError)
 
 
-def test_only_answers_to_its_own_requests_count() -> None:
+def test_only_answers_to_its_own_requests_count_and_none_that_was_overtaken() -> None:
     clock = ClockOffset()
-    ts1 = clock.request(START)
-    assert ts1 == START
-    later = START + MILLISECOND
+    first, ts1 = clock.request(START), clock.request(START + SECOND)
+    assert first is not None and ts1 == START + SECOND
+    later = ts1 + MILLISECOND
     clock.answer(0, ts1, later)  # a request of the vehicle's
     clock.answer(steady(later), ts1 + 1, later)  # an answer to somebody else
-    assert clock.answers == 0
+    assert clock.offset is None
     clock.answer(steady(later), ts1, later)
+    assert clock.offset == pytest.approx(BOOT / SECOND, abs=1e-3)
     clock.answer(7 * SECOND, ts1, later)  # a second answer, from another clock
-    assert clock.answers == 1
-    assert clock.restarts == 0
-
-
-def test_an_answer_that_was_overtaken_is_not_taken() -> None:
-    clock = ClockOffset()
-    first, second = clock.request(START), clock.request(START + SECOND)
-    assert first is not None and second is not None
-    clock.answer(steady(second), second, second + MILLISECOND)
-    clock.answer(steady(first), first, second + 2 * MILLISECOND)
-    assert clock.answers == 1
+    clock.answer(7 * SECOND, first, later + MILLISECOND)  # one that was overtaken
+    assert clock.offset == pytest.approx(BOOT / SECOND, abs=1e-3)
+    assert (clock.steps, clock.restarts) == (0, 0)
 
 
 def test_times_that_are_not_of_this_flight_are_told_apart() -> None:
-    clock = ClockOffset()
-    assert clock.unwrap(500_000, START) is None  # nothing is known of the clock yet
+    wrap = 2**32 * MILLISECOND
+    assert ClockOffset().recent(500 * SECOND, wrap, START) is None  # of the clock nothing is known
     wire = Wire(steady, clean).run(1)
-    present = steady(wire.now) // MILLISECOND
-    assert wire.clock.unwrap(present - 9_000, wire.now) == (present - 9_000) * MILLISECOND
-    assert wire.clock.unwrap(present - 11_000, wire.now) is None
-    assert wire.clock.unwrap(present + 1_000, wire.now) is None
-    assert wire.clock.unwrap(0, wire.now) is None
-    assert wire.clock.unwrap(2**32 - 1, wire.now) is None
+    present = steady(wire.now)
+    for boot in (present - 9 * SECOND, present - 9 * SECOND - wrap):
+        assert wire.clock.recent(boot, wrap, wire.now) == present - 9 * SECOND
+    for boot in (present - 11 * SECOND, present + SECOND, 0, wrap - MILLISECOND):
+        assert wire.clock.recent(boot, wrap, wire.now) is None

@@ -50,6 +50,8 @@ def test_no_pose_before_the_estimator_is_ready(flight: Flight, outcome: Outcome)
     assert {outcome.refusals[stamp] for stamp in before} <= {
         'estimator not ready',
         'estimator report awaited',
+        'GPS lost',
+        'GPS not reported',
         'no autopilot',
     }
     assert min(outcome.stream) > ready - 10_000_000

@@ -46,10 +46,10 @@ class Circle:
         """Samples at some milliseconds; `turned` is what is said of an attitude."""
         for stamp in attitudes:
             said = turned(stamp, self.attitude(stamp * MS))
-            history.attitudes.add(stamp * MS, Sample(said, self.body_rate(stamp * MS)))
+            history.add(stamp * MS, Sample(said, self.body_rate(stamp * MS)), None)
         for stamp in positions:
             place, speed = self.position(stamp * MS), self.velocity(stamp * MS)
-            history.positions.add(stamp * MS, Sample(place, speed))
+            history.add(stamp * MS, None, Sample(place, speed))
         return history
 
 

@@ -20,7 +20,7 @@ def test_without_a_report_of_the_estimator_there_is_no_pose_and_no_go() -> None:
     world.run(5)
     assert world.reason(1.0) == ('estimator not reported', False)
     assert world.poses == []
-    assert 'does not report the state of its estimator' in world.verdict()
+    assert 'did not report the state of its estimator' in world.verdict()
     assert world.severity() == 'error'
 
 
