@@ -84,4 +84,4 @@ def test_a_camera_without_a_rig_is_asked_for_the_size_that_the_page_promises():
     given = read(CameraCaptureSettings, FileParameters({}, Path(), 'camera_capture'))
     assert (given.width, given.height) == (1280, 720)
     genicam = FileParameters({'source': 'genicam'}, Path(), 'camera_capture')
-    assert read(CameraCaptureSettings, genicam).genicam().width == 0, 'its own'
+    assert read(CameraCaptureSettings, genicam).asked().width == 0, 'its own'

@@ -5,14 +5,12 @@ from __future__ import annotations
 import ctypes
 import time
 from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ftp_dent_ros.capture.device import DeviceSource
+from ftp_dent_ros.capture.device import CameraSettings
 from ftp_dent_ros.capture.raw_formats import GENICAM
-from ftp_dent_ros.capture.source import CameraSettings
 from ftp_dent_ros.errors import CameraError
 from ftp_dent_ros.photograph.photograph import Photograph
 
@@ -80,27 +78,8 @@ def load() -> Any:
     return library
 
 
-@dataclass(frozen=True, kw_only=True)
-class GenicamSettings(CameraSettings):
-    """What is asked of a GenICam camera.
-
-    Attributes
-    ----------
-    camera : str
-        Name, serial number or address, as Aravis lists it; empty for the first.
-    pixel_format : str
-        GenICam's name (Mono8, RGB8, BayerRG8); empty leaves it as it is.
-    trigger : str
-        ``Software``, a line's name (``Line1``), or empty for none.
-    """
-
-    camera: str = ''
-    pixel_format: str = ''
-    trigger: str = ''
-
-
 class GenicamCapture:
-    """One camera, with the methods of cv2.VideoCapture that `DeviceSource` uses.
+    """One camera, with `V4l2Capture`'s methods.
 
     Frames that lost packets are dropped and counted.
 
@@ -110,10 +89,10 @@ class GenicamCapture:
         Aravis is not installed, or the camera is not found or refuses a setting.
     """
 
-    def __init__(self, settings: GenicamSettings) -> None:
+    def __init__(self, settings: CameraSettings) -> None:
         self._settings = settings
         self._camera = self._stream = None
-        self.dropped = 0
+        self._dropped = 0
         # How many frames the camera's clock is compared with the computer's over.
         self._offsets: deque[int] = deque(maxlen=100)
         self._image: Photograph | None = None
@@ -127,41 +106,38 @@ class GenicamCapture:
             self.release()
             raise
 
-    @property
-    def stamp_uncertainty(self) -> float:
-        """Of the camera's clock against the computer's, seconds: the delivery's scatter."""
-        if len(self._offsets) < 2:
-            return float('nan')
-        offsets = np.array(self._offsets)
-        return float(np.median(offsets) - offsets.min()) / 1e9
-
     def grab(self) -> bool:
         """Wait for the next whole frame; False if the camera has gone silent."""
-        begin = time.monotonic()
+        awaits_line = self._settings.trigger not in ('', SOFTWARE)
+        end = time.monotonic() + _SILENCE
         while not self._released:
             self._trigger()
             # Between two looks at whether the source is to stop.
             buffer = self._library.arv_stream_timeout_pop_buffer(self._stream, 200_000)
-            if not buffer:
-                waits = self._settings.trigger not in ('', SOFTWARE)
-                if not waits and time.monotonic() - begin > _SILENCE:
-                    return False
-                continue
-            try:
-                if self._library.arv_buffer_get_status(buffer) != 0:
-                    self.dropped += 1
-                    if time.monotonic() - begin > _SILENCE:
-                        return False
-                    continue
-                self._take(buffer)
-                return True
-            finally:
-                self._library.arv_stream_push_buffer(self._stream, buffer)
+            if buffer:
+                try:
+                    if self._library.arv_buffer_get_status(buffer) == 0:
+                        self._take(buffer)
+                        return True
+                    self._dropped += 1
+                finally:
+                    self._library.arv_stream_push_buffer(self._stream, buffer)
+            if time.monotonic() > end and (buffer or not awaits_line):
+                return False
         return False
 
-    def retrieve(self) -> tuple[bool, Photograph | None]:
-        """Whether a frame was grabbed, and the frame, as the sensor has it."""
-        return self._image is not None, self._image
+    def retrieve(self) -> Photograph | None:
+        """The frame that was grabbed, as the sensor has it."""
+        return self._image
+
+    def notes(self) -> dict[str, object]:
+        """How the camera does: of its clock against the computer's, the delivery's scatter."""
+        offsets = np.array(self._offsets)
+        scatter = np.median(offsets) - offsets.min() if len(offsets) > 1 else np.nan
+        return {
+            'frames dropped for lost packets': self._dropped,
+            'time stamp uncertainty (ms)': f'{scatter / 1e6:.2f}',
+        }
 
     def get(self, which: int) -> float:
         """Time of the grabbed frame on the monotonic clock, milliseconds."""
@@ -179,25 +155,22 @@ class GenicamCapture:
         self._stream = self._camera = None
 
     def _open(self) -> None:
-        given, name = self._settings, self._settings.camera or None
+        given = self._settings
         self._library.arv_update_device_list()
-        self._camera = self._call('arv_camera_new', name.encode() if name else None)
-        camera = self._camera
-        if given.width and given.height:
-            self._call('arv_camera_set_region', camera, 0, 0, given.width, given.height)
-        if given.pixel_format:
-            self._call(
-                'arv_camera_set_pixel_format_from_string', camera, given.pixel_format.encode()
-            )
-        if given.exposure:
-            self._call('arv_camera_set_exposure_time', camera, 1e6 * given.exposure)
-        if given.gain >= 0:
-            self._call('arv_camera_set_gain', camera, given.gain)
-        if given.trigger:
-            self._call('arv_camera_set_trigger', camera, given.trigger.encode())
-        elif given.rate >= 1:
-            self._call('arv_camera_clear_triggers', camera)
-            self._call('arv_camera_set_frame_rate', camera, given.rate)
+        self._camera = camera = self._call('arv_camera_new', given.camera.encode() or None)
+        is_free = not given.trigger and given.device_rate >= 1
+        pixel_format = given.pixel_format.encode()
+        for is_asked, function, *arguments in (
+            (given.width and given.height, 'set_region', 0, 0, given.width, given.height),
+            (given.pixel_format, 'set_pixel_format_from_string', pixel_format),
+            (given.exposure, 'set_exposure_time', 1e6 * given.exposure),
+            (given.gain >= 0, 'set_gain', given.gain),
+            (given.trigger, 'set_trigger', given.trigger.encode()),
+            (is_free, 'clear_triggers'),
+            (is_free, 'set_frame_rate', given.device_rate),
+        ):
+            if is_asked:
+                self._call(f'arv_camera_{function}', camera, *arguments)
         size = self._call('arv_camera_get_payload', camera)
         self._stream = self._call('arv_camera_create_stream', camera, None, None)
         # Frames that Aravis may fill ahead of us.
@@ -210,7 +183,8 @@ class GenicamCapture:
         """A software trigger at the rate."""
         if self._settings.trigger != SOFTWARE:
             return
-        pause = 1 / self._settings.rate if self._settings.rate > 0 else 0.0
+        rate = self._settings.device_rate
+        pause = 1 / rate if rate > 0 else 0.0
         left = self._triggered + pause - time.monotonic()
         if left > 0:
             time.sleep(left)
@@ -250,27 +224,3 @@ class GenicamCapture:
             what = function.removeprefix('arv_camera_').replace('_', ' ')
             raise CameraError(f'{which}: {what}: {why}: check its cable and genicam.*')
         return result
-
-
-class GenicamSource(DeviceSource):
-    """Frames of a GenICam camera; parameters as of `DeviceSource`, but for the settings."""
-
-    def __init__(self, settings: GenicamSettings, *arguments: Any, **options: Any) -> None:
-        self._settings = settings
-        self._capture: GenicamCapture | None = None
-        self._dropped_before = 0
-        super().__init__(self._open_camera, *arguments, **options)
-
-    def notes(self) -> dict[str, object]:
-        """How the camera does."""
-        capture, notes = self._capture, super().notes()
-        if capture is not None:
-            notes['frames dropped for lost packets'] = self._dropped_before + capture.dropped
-            notes['time stamp uncertainty (ms)'] = f'{1e3 * capture.stamp_uncertainty:.2f}'
-        return notes
-
-    def _open_camera(self) -> Any:
-        if self._capture is not None:
-            self._dropped_before += self._capture.dropped
-        self._capture = GenicamCapture(self._settings)
-        return self._capture

@@ -15,31 +15,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.capture.raw_formats import V4L2, RawFormat
-from ftp_dent_ros.capture.source import CameraSettings, ExposureClock, Frame, Source
+from ftp_dent_ros.capture.source import ExposureClock, Frame, Source
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.photograph.photograph import Photograph
 
 # OpenCV's V4L2 backend delivers these with red and blue swapped in some versions: the red
 # stripe would be blue.
 _SWAPPED = ('NV12', 'NV21')
-
-# Seconds between two tries to open a camera that is gone, doubled from the one to the other.
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 8.0
+# Seconds between two tries to open a camera that is gone.
+_PAUSE = 1.0
 # Seconds without an image after which one is told to be missing.
 _PATIENCE = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceSettings(CameraSettings):
-    """What is asked of a V4L2 camera.
+class CameraSettings:
+    """What is asked of a V4L2 or GenICam camera.
 
     Attributes
     ----------
     path : str
-        Device file; a link under ``/dev/v4l/by-id`` names the same camera on every port.
+        V4L2: device file; a link under ``/dev/v4l/by-id`` names the same camera on every port.
     fourcc : str
-        Pixel format of V4L2, of four characters ('MJPG', 'YUYV', 'GREY', 'Y12 ', 'RG12'); empty
+        V4L2: pixel format, of four characters ('MJPG', 'YUYV', 'GREY', 'Y12 ', 'RG12'); empty
         leaves it as it is.
+    camera : str
+        GenICam: name, serial number or address, as Aravis lists it; empty for the first.
+    pixel_format : str
+        GenICam: its name (Mono8, RGB8, BayerRG8); empty leaves it as it is.
+    trigger : str
+        GenICam: ``Software``, a line's name (``Line1``), or empty for none.
+    width, height : int
+        Image size, pixels; 0 leaves it as it is.
+    device_rate : float
+        Images a second asked of the driver; below 1 leaves it as it is.
+    exposure : float
+        Seconds; 0 leaves it as it is.
+    gain : float
+        In the driver's unit; negative leaves it as it is.
 
     Raises
     ------
@@ -47,8 +60,16 @@ class DeviceSettings(CameraSettings):
         A value is impossible.
     """
 
-    path: str
+    path: str = ''
     fourcc: str = ''
+    camera: str = ''
+    pixel_format: str = ''
+    trigger: str = ''
+    width: int = 0
+    height: int = 0
+    device_rate: float = 0.0
+    exposure: float = 0.0
+    gain: float = -1.0
 
     def __post_init__(self) -> None:
         if len(self.fourcc) not in (0, 4) or not self.fourcc.isascii():
@@ -62,33 +83,42 @@ class DeviceSettings(CameraSettings):
             )
 
 
-class RawCapture:
-    """A camera whose pixels come as its sensor has them, with `cv2.VideoCapture`'s methods.
+class V4l2Capture:
+    """What OpenCV gives of a camera as photographs.
 
     Parameters
     ----------
     capture : cv2.VideoCapture
         Open and set up.
-    form : RawFormat
+    form : RawFormat, optional
+        Of pixels that come as the sensor has them; without it they are BGR.
     size : (int, int)
-        Width and height, pixels.
+        Width and height, pixels, of what has a form.
     """
 
-    def __init__(self, capture: Any, form: RawFormat, size: tuple[int, int]) -> None:
+    def __init__(
+        self, capture: Any, form: RawFormat | None = None, size: tuple[int, int] = (0, 0)
+    ) -> None:
         self._capture, self._form, self._size = capture, form, size
         self.grab, self.get, self.release = capture.grab, capture.get, capture.release
 
-    def retrieve(self) -> tuple[bool, Photograph | None]:
-        """Whether a frame was grabbed, and the frame."""
+    def retrieve(self) -> Photograph | None:
+        """The frame that was grabbed, if it can be read."""
         good, data = self._capture.retrieve()
         if not good:
-            return False, None
+            return None
+        if self._form is None:
+            return Photograph(np.asarray(cv2.cvtColor(data, cv2.COLOR_BGR2RGB), np.uint8))
         # OpenCV gives the driver's bytes in one shape or another.
         flat = np.ascontiguousarray(data).reshape(-1).view(np.uint8)
-        return True, self._form.photograph(flat, *self._size)
+        return self._form.photograph(flat, *self._size)
+
+    def notes(self) -> dict[str, object]:
+        """Nothing: V4L2 tells nothing."""
+        return {}
 
 
-def open_device(settings: DeviceSettings) -> cv2.VideoCapture | RawCapture:
+def open_device(settings: CameraSettings) -> V4l2Capture:
     """Open and set up a camera.
 
     Raises
@@ -112,12 +142,10 @@ def open_device(settings: DeviceSettings) -> cv2.VideoCapture | RawCapture:
     except BaseException:
         capture.release()
         raise
-    if taken in V4L2:
-        return RawCapture(capture, V4L2[taken], (settings.width, settings.height))
-    return capture
+    return V4l2Capture(capture, V4L2.get(taken), (settings.width, settings.height))
 
 
-def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> str:
+def _set_up(capture: cv2.VideoCapture, settings: CameraSettings) -> str:
     """Ask for the settings; the pixel format that is taken."""
     if settings.fourcc in V4L2:
         # As the sensor has them: OpenCV's conversion keeps eight bits.
@@ -127,8 +155,8 @@ def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> str:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, settings.width)
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, settings.height)
-    if settings.rate >= 1:
-        capture.set(cv2.CAP_PROP_FPS, settings.rate)
+    if settings.device_rate >= 1:
+        capture.set(cv2.CAP_PROP_FPS, settings.device_rate)
     size = tuple(
         int(capture.get(which)) for which in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
     )
@@ -144,17 +172,17 @@ def _set_up(capture: cv2.VideoCapture, settings: DeviceSettings) -> str:
             f'{settings.path} gives the pixel format {taken!r}: ask for another, '
             'v4l2-ctl --list-formats shows what the camera has'
         )
-    controls: list[tuple[int, float, str]] = []
-    if settings.exposure > 0:
-        # A value of V4L2_CID_EXPOSURE_AUTO, and the unit of V4L2_CID_EXPOSURE_ABSOLUTE.
-        units = max(1, round(settings.exposure / 100e-6))
-        controls.append((cv2.CAP_PROP_AUTO_EXPOSURE, 1, 'a fixed exposure'))
-        controls.append((cv2.CAP_PROP_EXPOSURE, units, f'an exposure of {settings.exposure:g} s'))
-    if settings.gain >= 0:
-        controls.append((cv2.CAP_PROP_GAIN, settings.gain, f'a gain of {settings.gain:g}'))
-    for what, value, name in controls:
+    exposure, gain = settings.exposure, settings.gain
+    # A value of V4L2_CID_EXPOSURE_AUTO, and the unit of V4L2_CID_EXPOSURE_ABSOLUTE.
+    manual, units = 1, max(1, round(exposure / 100e-6))
+    for is_asked, what, value, name in (
+        (exposure > 0, cv2.CAP_PROP_AUTO_EXPOSURE, manual, 'a fixed exposure'),
+        (exposure > 0, cv2.CAP_PROP_EXPOSURE, units, f'an exposure of {exposure:g} s'),
+        (gain >= 0, cv2.CAP_PROP_GAIN, gain, f'a gain of {gain:g}'),
+    ):
         # A driver may round to its own steps.
-        if not capture.set(what, value) or abs(capture.get(what) - value) > max(0.5, 0.05 * value):
+        near = max(0.5, 0.05 * value)
+        if is_asked and not (capture.set(what, value) and abs(capture.get(what) - value) <= near):
             raise CameraError(
                 f'{settings.path} does not take {name} (it has {capture.get(what):g} in its own '
                 f'unit where {value:g} was set): v4l2-ctl --list-ctrls shows the range'
@@ -168,25 +196,22 @@ class _Due:
     """Which of a camera's frames are due at a rate below its own."""
 
     def __init__(self, rate: float) -> None:
-        self._period_ns = round(1e9 / rate) if rate > 0 else None
-        self._next_ns: int | None = None
-        self._last_ns: int | None = None
+        self._period_ns = round(1e9 / rate) if rate > 0 else 0
+        self._next_ns = self._last_ns = 0
 
     def at(self, stamp_ns: int) -> bool:
         # Half the camera's interval of tolerance: one just slower than the rate loses no frame.
         tolerance_ns = (stamp_ns - (self._last_ns or stamp_ns)) // 2
         self._last_ns = stamp_ns
-        if self._period_ns is None:
-            return False
-        due_ns = self._next_ns if self._next_ns is not None else stamp_ns
-        if stamp_ns < due_ns - tolerance_ns:
+        due_ns = self._next_ns or stamp_ns
+        if not self._period_ns or stamp_ns < due_ns - tolerance_ns:
             return False
         self._next_ns = max(due_ns + self._period_ns, stamp_ns + self._period_ns // 2)
         return True
 
 
 class DeviceSource(Source):
-    """Frames of a camera that is opened again, with growing pauses, whenever it fails.
+    """Frames of a camera that is opened again whenever it fails.
 
     A thread takes every image from the driver, so that none grows old in its queue, and decodes
     those that are due. A frame whose time is not later than that of the one before, or whose
@@ -195,15 +220,14 @@ class DeviceSource(Source):
     Parameters
     ----------
     open_capture : callable
-        Opens the camera, or raises `CameraError`. What it retrieves is BGR as OpenCV's, or a
-        `Photograph`.
+        Opens the camera, or raises `CameraError`; what it gives has `V4l2Capture`'s methods.
     rate : float
         Frames a second, if the camera gives more; 0 for none unless asked for.
     clock : ExposureClock
     now_ns : callable
         ROS time, nanoseconds.
-    first_pause : float
-        Seconds before the first attempt to open the camera again; doubled with each, up to 8.
+    pause : float
+        Seconds before an attempt to open the camera again.
     """
 
     runs_by_itself = True
@@ -214,16 +238,19 @@ class DeviceSource(Source):
         rate: float,
         clock: ExposureClock,
         now_ns: Callable[[], int],
-        first_pause: float = _FIRST_PAUSE,
+        pause: float = _PAUSE,
     ) -> None:
-        self._repeated = 0
-        self._opened = 0
-        self._kernel_stamps = False
+        self._notes: dict[str, Any] = {
+            'times opened': 0,
+            'repeated images left out': 0,
+            'kernel time stamps': False,
+        }
+        self._notes_of_camera: Callable[[], dict[str, object]] = dict
         self._open_capture = open_capture
         self._rate = rate
         self._clock = clock
         self._now_ns = now_ns
-        self._first_pause = first_pause
+        self._pause = pause
         self._changed = threading.Condition()
         self._newest: Frame | None = None
         self._wanted_after_ns = math.inf
@@ -234,11 +261,7 @@ class DeviceSource(Source):
 
     def notes(self) -> dict[str, object]:
         """How the camera does."""
-        return {
-            'times opened': self._opened,
-            'repeated images left out': self._repeated,
-            'kernel time stamps': self._kernel_stamps,
-        }
+        return {**self._notes, **self._notes_of_camera()}
 
     def next_frame(self, timeout: float) -> Frame | None:
         """Newest frame that was due and was not given before; None if there is none in time."""
@@ -274,49 +297,44 @@ class DeviceSource(Source):
             return None
 
     def _run(self) -> None:
-        pause = self._first_pause
         while not self._stop.is_set():
             try:
                 capture = self._open_capture()
-                self._opened += 1
+                self._notes['times opened'] += 1
+                self._notes_of_camera = capture.notes
                 try:
-                    if self._stream(capture):
-                        pause = self._first_pause
+                    self._stream(capture)
                 finally:
                     capture.release()
                 raise CameraError('the camera has stopped giving images: check its cable')
             except (CameraError, cv2.error) as error:
                 self._tell(None, str(error))
-            self._stop.wait(pause)
-            pause = min(2 * pause, _LONGEST_PAUSE)
+            self._stop.wait(self._pause)
 
-    def _stream(self, capture: Any) -> bool:
-        """Take images until there are no more; whether there was any."""
+    def _stream(self, capture: Any) -> None:
+        """Take images until there are no more."""
         due = _Due(self._rate)
         last_ns = 0
         last: NDArray | None = None
         while not self._stop.is_set() and capture.grab():
             self._trouble = ''
-            stamp_ns, self._kernel_stamps = self._clock.stamp_ns(
+            stamp_ns, self._notes['kernel time stamps'] = self._clock.stamp_ns(
                 capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic_ns(), self._now_ns()
             )
             if stamp_ns <= last_ns:
-                self._repeated += 1
+                self._notes['repeated images left out'] += 1
                 continue
             last_ns = stamp_ns
             if not due.at(stamp_ns) and stamp_ns < self._wanted_after_ns:
                 continue
-            good, image = capture.retrieve()
-            if not good:
+            photograph = capture.retrieve()
+            if photograph is None:
                 continue
-            if not isinstance(image, Photograph):
-                image = Photograph(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8))
-            if last is not None and np.array_equal(image.pixels, last):
-                self._repeated += 1
+            if last is not None and np.array_equal(photograph.pixels, last):
+                self._notes['repeated images left out'] += 1
                 continue
-            last = image.pixels
-            self._tell(Frame(image, stamp_ns))
-        return last is not None
+            last = photograph.pixels
+            self._tell(Frame(photograph, stamp_ns))
 
     def _tell(self, newest: Frame | None, trouble: str = '') -> None:
         with self._changed:

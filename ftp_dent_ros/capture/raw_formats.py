@@ -86,67 +86,49 @@ def _unpacked(data: NDArray[np.uint8], count: int, bits: int, packing: str) -> N
     return levels.reshape(-1)[:count]
 
 
-_ORDERS = {'GR': 'grbg', 'RG': 'rggb', 'GB': 'gbrg', 'BG': 'bggr'}
-
-
-def _genicam() -> dict[int, RawFormat]:
-    """Codes of the Pixel Format Naming Convention (PFNC, EMVA)."""
-    formats: dict[int, RawFormat] = {
-        0x01080001: RawFormat(8),
-        0x01100003: RawFormat(10),
-        0x01100005: RawFormat(12),
-        0x01100025: RawFormat(14),
-        0x01100007: RawFormat(16),
-        0x010A0046: RawFormat(10, packing='p'),
-        0x010C0047: RawFormat(12, packing='p'),
-        0x010C0004: RawFormat(10, packing='packed'),
-        0x010C0006: RawFormat(12, packing='packed'),
-        0x02180014: RawFormat(8, colours='rgb'),
-        0x02180015: RawFormat(8, colours='bgr'),
-        0x02300018: RawFormat(10, colours='rgb'),
-        0x02300019: RawFormat(10, colours='bgr'),
-        0x0230001A: RawFormat(12, colours='rgb'),
-        0x0230001B: RawFormat(12, colours='bgr'),
-        0x02300033: RawFormat(16, colours='rgb'),
-        0x0230004B: RawFormat(16, colours='bgr'),
+# Codes of the Pixel Format Naming Convention (PFNC, EMVA): grey and colours, then mosaics.
+GENICAM = {
+    0x01080001: RawFormat(8),
+    0x01100003: RawFormat(10),
+    0x01100005: RawFormat(12),
+    0x01100025: RawFormat(14),
+    0x01100007: RawFormat(16),
+    0x010A0046: RawFormat(10, packing='p'),
+    0x010C0047: RawFormat(12, packing='p'),
+    0x010C0004: RawFormat(10, packing='packed'),
+    0x010C0006: RawFormat(12, packing='packed'),
+    0x02180014: RawFormat(8, colours='rgb'),
+    0x02180015: RawFormat(8, colours='bgr'),
+    0x02300018: RawFormat(10, colours='rgb'),
+    0x02300019: RawFormat(10, colours='bgr'),
+    0x0230001A: RawFormat(12, colours='rgb'),
+    0x0230001B: RawFormat(12, colours='bgr'),
+    0x02300033: RawFormat(16, colours='rgb'),
+    0x0230004B: RawFormat(16, colours='bgr'),
+}
+for _place, _mosaic in enumerate(('grbg', 'rggb', 'gbrg', 'bggr')):
+    # The codes of bits one after the other stand in another order, with gaps.
+    _packed = 2 * ('bggr', 'gbrg', 'grbg', 'rggb').index(_mosaic)
+    GENICAM |= {
+        0x01080008 + _place: RawFormat(8, _mosaic),
+        0x0110000C + _place: RawFormat(10, _mosaic),
+        0x01100010 + _place: RawFormat(12, _mosaic),
+        0x0110002E + _place: RawFormat(16, _mosaic),
+        0x010C0026 + _place: RawFormat(10, _mosaic, packing='packed'),
+        0x010C002A + _place: RawFormat(12, _mosaic, packing='packed'),
+        0x010A0052 + _packed: RawFormat(10, _mosaic, packing='p'),
+        0x010C0053 + _packed: RawFormat(12, _mosaic, packing='p'),
     }
-    for index, order in enumerate(('GR', 'RG', 'GB', 'BG')):
-        mosaic = _ORDERS[order]
-        for first, bits, packing in (
-            (0x01080008, 8, ''),
-            (0x0110000C, 10, ''),
-            (0x01100010, 12, ''),
-            (0x0110002E, 16, ''),
-            (0x010C0026, 10, 'packed'),
-            (0x010C002A, 12, 'packed'),
-        ):
-            formats[first + index] = RawFormat(bits, mosaic, packing=packing)
-    for index, order in enumerate(('BG', 'GB', 'GR', 'RG')):
-        for first, bits in ((0x010A0052, 10), (0x010C0053, 12)):
-            formats[first + 2 * index] = RawFormat(bits, _ORDERS[order], packing='p')
-    return formats
-
-
-def _v4l2() -> dict[str, RawFormat]:
-    """Codes of videodev2.h."""
-    formats = {
-        'GREY': RawFormat(8),
-        'Y10 ': RawFormat(10),
-        'Y12 ': RawFormat(12),
-        'Y14 ': RawFormat(14),
-        'Y16 ': RawFormat(16),
-    }
-    names: dict[str, Any] = {
-        'bggr': ('BA81', 'BG10', 'BG12', 'BYR2'),
-        'gbrg': ('GBRG', 'GB10', 'GB12', 'GB16'),
-        'grbg': ('GRBG', 'BA10', 'BA12', 'GR16'),
-        'rggb': ('RGGB', 'RG10', 'RG12', 'RG16'),
-    }
-    for mosaic, codes in names.items():
-        for code, bits in zip(codes, (8, 10, 12, 16), strict=True):
-            formats[code] = RawFormat(bits, mosaic)
-    return formats
-
-
-GENICAM = _genicam()
-V4L2 = _v4l2()
+# Codes of videodev2.h, by the bits of a level.
+_CODES = {
+    '': {8: 'GREY', 10: 'Y10 ', 12: 'Y12 ', 14: 'Y14 ', 16: 'Y16 '},
+    'bggr': {8: 'BA81', 10: 'BG10', 12: 'BG12', 16: 'BYR2'},
+    'gbrg': {8: 'GBRG', 10: 'GB10', 12: 'GB12', 16: 'GB16'},
+    'grbg': {8: 'GRBG', 10: 'BA10', 12: 'BA12', 16: 'GR16'},
+    'rggb': {8: 'RGGB', 10: 'RG10', 12: 'RG12', 16: 'RG16'},
+}
+V4L2 = {
+    code: RawFormat(bits, mosaic)
+    for mosaic, codes in _CODES.items()
+    for bits, code in codes.items()
+}

@@ -6,9 +6,8 @@ import glob
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
-from itertools import repeat
+from itertools import cycle
 from pathlib import Path
 
 import cv2
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import CameraError, ConfigurationError, ImageError
 from ftp_dent_ros.files import by_number
-from ftp_dent_ros.photograph.file import photograph_of_bgr
+from ftp_dent_ros.photograph.file import is_photograph, photograph_of_bgr, read_photograph
 from ftp_dent_ros.photograph.photograph import Encoding, Photograph
 
 # A busy machine may compute a photograph that much later than it was taken, seconds.
@@ -39,29 +38,6 @@ class Frame:
 
     photograph: Photograph
     stamp_ns: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraSettings:
-    """What is asked of any camera.
-
-    Attributes
-    ----------
-    width, height : int
-        Image size, pixels; 0 leaves it as it is.
-    rate : float
-        Images a second asked of the driver; below 1 leaves it as it is.
-    exposure : float
-        Seconds; 0 leaves it as it is.
-    gain : float
-        In the driver's unit; negative leaves it as it is.
-    """
-
-    width: int = 0
-    height: int = 0
-    rate: float = 0.0
-    exposure: float = 0.0
-    gain: float = -1.0
 
 
 class Source:
@@ -323,9 +299,6 @@ def write_rendered(folder: Path, number: int, photograph: Photograph) -> None:
     )
 
 
-_PICTURES = ('.bmp', '.jpeg', '.jpg', '.png', '.pnm', '.ppm', '.tif', '.tiff', '.webp')
-
-
 class FileSource(PacedSource):
     """Images of files, one after the other, stamped with the time at which they are read.
 
@@ -380,21 +353,26 @@ class FileSource(PacedSource):
             self.finished = True
             return None
         path, image = following
-        if image is None:
-            raise ImageError(f'{path}: not an image that can be read: remove or replace it')
-        height, width = image.shape[:2]
+        photograph = (
+            read_photograph(path, self._encoding)
+            if image is None
+            else photograph_of_bgr(image, self._encoding, str(path))
+        )
+        width, height = photograph.width, photograph.height
         if self._size and (width, height) != self._size:
             raise ImageError(
                 f'{path}: has {width}x{height} pixels, the camera of the rig '
                 f'{self._size[0]}x{self._size[1]}: use the images of this rig'
             )
-        return Frame(photograph_of_bgr(image, self._encoding, str(path)), self._now_ns())
+        return Frame(photograph, self._now_ns())
 
     def _read(self) -> Iterator[tuple[Path, NDArray | None]]:
-        """Paths and their images, grey or BGR, None where a file cannot be read."""
-        for paths in repeat(self._paths) if self._loop else [self._paths]:
-            for path in paths:
-                yield from _picture(path) if path.suffix.lower() in _PICTURES else _video(path)
+        """Paths and images of videos, BGR; None where a photograph is still to be read."""
+        for path in cycle(self._paths) if self._loop else self._paths:
+            if is_photograph(path):
+                yield path, None
+            else:
+                yield from _video(path)
 
 
 def find_images(path: str) -> list[Path]:
@@ -411,7 +389,7 @@ def find_images(path: str) -> list[Path]:
         )
     given = Path(path).expanduser()
     if given.is_dir():
-        found = [item for item in given.iterdir() if item.suffix.lower() in _PICTURES]
+        found = [item for item in given.iterdir() if is_photograph(item)]
     elif given.is_file():
         found = [given]
     else:
@@ -419,16 +397,9 @@ def find_images(path: str) -> list[Path]:
         found = [item for item in found if item.is_file()]
     if not found:
         raise ConfigurationError(
-            f'{path}: no image there (of {", ".join(_PICTURES)}) and no video: check the path'
+            f'{path}: no photograph there (PNG, TIFF or JPEG) and no video: check the path'
         )
     return sorted(found, key=by_number)
-
-
-def _picture(path: Path) -> Iterator[tuple[Path, NDArray | None]]:
-    image = None
-    with suppress(cv2.error):
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    yield path, image
 
 
 def _video(path: Path) -> Iterator[tuple[Path, NDArray | None]]:

@@ -183,7 +183,7 @@ def make_source(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Sour
     """Make the source, on ROS time in nanoseconds."""
     rig, rate = given.rig, given.rate
     if given.source == 'device':
-        device, stamps = given.device(), given.stamps
+        device, stamps = given.asked(), given.stamps
         if not device.width or not device.height:
             raise ConfigurationError(
                 'the size of the images is not known: set rig, or device.width and device.height'
@@ -193,10 +193,10 @@ def make_source(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Sour
         return DeviceSource(partial(open_device, device), rate, clock, now_ns)
     if given.source == 'genicam':
         # Imported only here: others need no Aravis.
-        from ftp_dent_ros.capture.aravis import GenicamSource
+        from ftp_dent_ros.capture.aravis import GenicamCapture
 
         clock = ExposureClock(given.exposure, given.stamps != 'end', given.stamp_offset)
-        return GenicamSource(given.genicam(), rate, clock, now_ns)
+        return DeviceSource(partial(GenicamCapture, given.asked()), rate, clock, now_ns)
     if given.source == 'files':
         size = (rig.camera.width, rig.camera.height) if rig else None
         return FileSource(given.files, rate, given.loop, size, now_ns, given.encoding)

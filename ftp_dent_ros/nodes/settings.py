@@ -15,8 +15,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
-from ftp_dent_ros.capture.aravis import GenicamSettings
-from ftp_dent_ros.capture.device import DeviceSettings
+from ftp_dent_ros.capture.device import CameraSettings
 from ftp_dent_ros.dents.dent import RANGES, SmallestDent
 from ftp_dent_ros.ground.link import PORT, Security, endpoints
 from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR, VehicleSettings
@@ -282,21 +281,12 @@ class CameraCaptureSettings:
 
     def __post_init__(self) -> None:
         """Refuse what no V4L2 camera can be asked for, whichever source is chosen."""
-        self.device()
+        self.asked()
 
-    def device(self) -> DeviceSettings:
-        """What is asked of a V4L2 camera."""
-        asked = 'path', 'width', 'height', 'fourcc', 'exposure', 'gain'
-        return DeviceSettings(
-            rate=self.device_rate, **{name: getattr(self, name) for name in asked}
-        )
-
-    def genicam(self) -> GenicamSettings:
-        """What is asked of a GenICam camera: size, rate, exposure and gain are a device's."""
-        own = 'camera', 'pixel_format', 'trigger', 'width', 'height', 'exposure', 'gain'
-        return GenicamSettings(
-            rate=self.device_rate, **{name: getattr(self, name) for name in own}
-        )
+    def asked(self) -> CameraSettings:
+        """What is asked of a V4L2 or GenICam camera."""
+        names = [each.name for each in fields(CameraSettings)]
+        return CameraSettings(**{name: getattr(self, name) for name in names})
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from ftp_dent_ros.capture.device import DeviceSettings, DeviceSource, _Due, open_device
+from ftp_dent_ros.capture.device import (
+    CameraSettings,
+    DeviceSource,
+    V4l2Capture,
+    _Due,
+    open_device,
+)
 from ftp_dent_ros.capture.source import ExposureClock
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 
@@ -52,9 +58,9 @@ def camera(tmp_path):
         def open_capture():
             if not path.exists():
                 raise CameraError(f'{path} does not exist: plug the camera in')
-            return capture(str(path))
+            return V4l2Capture(capture(str(path)))
 
-        made = DeviceSource(open_capture, rate, ExposureClock(), time.time_ns, first_pause=0.02)
+        made = DeviceSource(open_capture, rate, ExposureClock(), time.time_ns, pause=0.02)
         sources.append(made)
         return made
 
@@ -175,7 +181,7 @@ def test_a_faster_camera_is_thinned_regularly():
     assert set(np.diff(chosen)) == {3}
 
 
-SETTINGS = DeviceSettings(path='/dev/video99', width=1280, height=720)
+SETTINGS = CameraSettings(path='/dev/video99', width=1280, height=720)
 
 
 def test_a_missing_device_is_named():
@@ -187,10 +193,10 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path):
     path = tmp_path / 'video0'
     path.write_bytes(bytes(100))
     with pytest.raises(CameraError, match='cannot be opened as a camera'):
-        open_device(DeviceSettings(path=str(path), width=1280, height=720))
+        open_device(CameraSettings(path=str(path), width=1280, height=720))
 
 
 @pytest.mark.parametrize('fourcc', ['MJPEG', 'ÄÖÜß', 'NV12'])
 def test_a_pixel_format_that_cannot_serve_is_refused(fourcc):
     with pytest.raises(ConfigurationError, match='pixel format'):
-        DeviceSettings(path='/dev/video0', fourcc=fourcc)
+        CameraSettings(path='/dev/video0', fourcc=fourcc)

@@ -99,7 +99,7 @@ def test_wrong_files_are_refused_and_nothing_is_read_while_nobody_listens(
     images = ros.collect(Image, 'camera/image_raw')
     ros.until(lambda: len(images) >= 2)
     assert {red(message) for message in images} == {150}
-    assert '0.png: not an image that can be read' in process.output
+    assert '0.png: empty, damaged or not an image' in process.output
     ros.until(lambda: int(state.value('refused')) >= 2)
     assert state().level == DiagnosticStatus.WARN
 
