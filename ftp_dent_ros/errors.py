@@ -46,20 +46,27 @@ def printable(text: str) -> str:
 
 
 class FtpDentError(Exception):
-    """Base of all errors that this package raises on purpose."""
+    """Base of all errors that this package raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+    reason : str
+        A few fixed words, for counting refusals by their reason; those of the class by default.
+    """
+
+    reason = 'error'
+
+    def __init__(self, message: str, reason: str = '') -> None:
+        super().__init__(message)
+        self.reason = reason or self.reason
 
     def __str__(self) -> str:
         return printable(super().__str__())
 
 
 class InputError(FtpDentError):
-    """Something that the user gave cannot be used.
-
-    Attributes
-    ----------
-    reason : str
-        A few fixed words, for counting refusals by their reason.
-    """
+    """Something that the user gave cannot be used."""
 
     reason = 'wrong input'
 
@@ -103,13 +110,7 @@ class CalibrationError(InputError):
 
 
 class RefusedFrameError(FtpDentError):
-    """The image is well formed but gives no measurement that could be trusted.
-
-    Attributes
-    ----------
-    reason : str
-        A few fixed words, for counting refusals by their reason.
-    """
+    """The image is well formed but gives no measurement that could be trusted."""
 
     reason = 'refused'
 
@@ -183,19 +184,9 @@ class LinkError(FtpDentError):
 
 
 class PoseError(FtpDentError):
-    """There is no trustworthy pose at the time asked for.
-
-    Attributes
-    ----------
-    reason : str
-        A few fixed words, for counting by reason.
-    """
+    """There is no trustworthy pose at the time asked for."""
 
     reason = 'no pose'
-
-    def __init__(self, message: str, reason: str = 'no pose') -> None:
-        super().__init__(message)
-        self.reason = reason
 
 
 class PoseAwaitedError(PoseError):

@@ -42,8 +42,8 @@ class Window:
         self.trouble = ''
         self._corner, self._size = (x, y), size
         self._image: NDArray[np.uint8] | None = None
-        # What was wrong when it was drawn last.
-        self._drawing = ''
+        # Whether it is to be drawn, and what was wrong when it was drawn last.
+        self._is_stale, self._drawing = True, ''
         self._window: Any = None
         self._sdl = _load()
         self._sdl.SDL_SetHint(b'SDL_VIDEO_X11_NET_WM_BYPASS_COMPOSITOR', b'1')
@@ -60,39 +60,39 @@ class Window:
 
     def show(self, image: NDArray[np.uint8]) -> None:
         """Show RGB pixels of shape (height, width, 3)."""
-        self._image = np.ascontiguousarray(image)
-        self._draw()
+        self._image, self._is_stale = np.ascontiguousarray(image), True
+        self.trouble = self._served()
 
     def refresh(self) -> None:
         """Serve the window; open it again if it was closed or its display comes back."""
         event = self._sdl.SDL_Event()
-        redraw = False
         while self._sdl.SDL_PollEvent(ctypes.byref(event)):
             if event.type == self._sdl.SDL_WINDOWEVENT:
-                redraw = True
+                self._is_stale = True
                 if event.window.event == self._sdl.SDL_WINDOWEVENT_CLOSE:
                     self._close_window()
-        shown = self._display_size()
-        if shown is None:
+        self.trouble = self._served()
+
+    def _served(self) -> str:
+        """Open and draw what is to be; what is wrong with what is seen then, or nothing."""
+        if self._display_size() is None:
             self._close_window()
-            self.trouble = (
+            return (
                 f'no display has its corner at {self._corner[0]}, {self._corner[1]} of the '
                 'desktop: plug the projector in, or set display.x and display.y'
             )
-            return
         if self._window is None:
             self._open()
-            shown = self._display_size()
-            redraw = True
-        if redraw:
-            self._draw()
-        self.trouble = self._drawing
-        if shown is not None and shown != self._size:
-            self.trouble = (
+        if self._is_stale and self._image is not None:
+            self._is_stale, self._drawing = False, self._drawn(self._image)
+        shown = self._display_size()
+        if shown not in (None, self._size):
+            return (
                 f'the display shows {shown[0]}x{shown[1]} pixels, the pattern has '
                 f"{self._size[0]}x{self._size[1]}: set the display to the projector's resolution "
                 'and to a scale of 100 %'
             )
+        return self._drawing
 
     def close(self) -> None:
         """Close the window."""
@@ -114,6 +114,7 @@ class Window:
             | self._sdl.SDL_WINDOW_ALWAYS_ON_TOP
             | self._sdl.SDL_WINDOW_ALLOW_HIGHDPI
         )
+        self._is_stale = True
         self._window = self._sdl.SDL_CreateWindow(_TITLE, *self._corner, *self._size, flags)
         if not self._window:
             self._window = None
@@ -124,11 +125,6 @@ class Window:
             full = self._sdl.SDL_WINDOW_FULLSCREEN_DESKTOP
             self._sdl.SDL_SetWindowFullscreen(self._window, full)
         self._sdl.SDL_ShowCursor(self._sdl.SDL_DISABLE)
-
-    def _draw(self) -> None:
-        if self._window is not None and self._image is not None:
-            self._drawing = self._drawn(self._image)
-            self.trouble = self.trouble or self._drawing
 
     def _drawn(self, image: NDArray[np.uint8]) -> str:
         """Draw; what is wrong with what is seen then, or nothing."""
