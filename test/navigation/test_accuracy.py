@@ -78,8 +78,6 @@ def test_a_gap_is_doubt_in_every_direction() -> None:
     gap = Motion(np.zeros(3), np.zeros(3), 0.1, True)
     added = deviations(pose_covariance.of_tag(GOOD, gap, 0.0) - GOOD)
     assert_allclose(added, 3 * 0.1**2 / 8)
-    usual = Motion(np.zeros(3), np.zeros(3), 0.02, True)
-    assert deviations(pose_covariance.of_tag(GOOD, usual, 0.0) - GOOD).max() < 2e-4
 
 
 def test_an_odometrys_covariance_is_turned_into_the_map() -> None:
@@ -102,9 +100,7 @@ def test_px4_says_only_the_diagonal() -> None:
         partial[missing] = np.nan
         assert pose_covariance.of_odometry(partial) is None
     assert pose_covariance.of_odometry(np.zeros(21)) is None
-
-
-def test_correlations_that_cannot_be_are_left_out() -> None:
+    # Correlations that cannot be are left out.
     upper = np.zeros(21)
     upper[[0, 6, 11, 15, 18, 20]], upper[1] = 1.0, 5.0
     assert_allclose(pose_covariance.of_odometry(upper), np.eye(6))

@@ -79,17 +79,6 @@ def test_ardupilots_older_driver_shoots_with_digicam_control() -> None:
     assert it.shots == 2
 
 
-@pytest.mark.parametrize(
-    'command', [(REQUEST, 262), (mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS, 1)]
-)
-def test_it_says_how_many_images_it_has_taken(command) -> None:
-    it = Shooting()
-    it.camera.captured(10**18, None, AHEAD, None)
-    ack, status = it.say(*command)
-    assert ack.result == mavlink.MAV_RESULT_ACCEPTED
-    assert (status.image_count, status.image_status) == (1, 0)
-
-
 def test_a_series_is_denied_and_an_absent_camera_told() -> None:
     it = Shooting()
     assert it.result(CAPTURE, 0, 1.0, 0) == mavlink.MAV_RESULT_DENIED
@@ -107,16 +96,27 @@ def test_strangers_and_what_is_for_others_are_not_answered(given) -> None:
     assert it.shots == 0
 
 
-@pytest.mark.parametrize(
-    'command', [(REQUEST, 259), (mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION, 1)]
+INFORMATION, STATUS = (
+    mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION,
+    mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS,
 )
-def test_it_says_what_it_is(command) -> None:
-    ack, information = Shooting().say(*command)
+
+
+@pytest.mark.parametrize(
+    ('asking', 'counting'), [((REQUEST, 259), (REQUEST, 262)), ((INFORMATION, 1), (STATUS, 1))]
+)
+def test_it_says_what_it_is_and_how_many_images_it_has_taken(asking, counting) -> None:
+    it = Shooting()
+    ack, information = it.say(*asking)
     assert ack.result == mavlink.MAV_RESULT_ACCEPTED
     assert bytes(information.vendor_name).rstrip(b'\0') == b'ftp_dent_ros'
     assert (information.resolution_h, information.resolution_v) == (640, 480)
     assert information.flags == mavlink.CAMERA_CAP_FLAGS_CAPTURE_IMAGE
     assert information.time_boot_ms == 5000
+    it.camera.captured(10**18, None, AHEAD, None)
+    ack, status = it.say(*counting)
+    assert ack.result == mavlink.MAV_RESULT_ACCEPTED
+    assert (status.image_count, status.image_status) == (1, 0)
 
 
 def test_of_an_image_it_tells_where_and_how_it_was_taken() -> None:

@@ -31,19 +31,14 @@ def types(codec: Codec, data: bytes, now: int = NOW) -> list[str]:
     return [message.get_type() for message in codec.messages(data, now)]
 
 
-def test_a_datagram_cut_short_does_not_swallow_the_next() -> None:
-    codec, data = whole(), Codec().pack(BEAT, 1, 1, NOW)
-    assert types(codec, data[:9]) == []
-    assert types(codec, data) == ['HEARTBEAT']
-    assert codec.bad_bytes == 1
-
-
-def test_a_stream_is_put_together_again() -> None:
-    codec, data = Codec(), Codec().pack(BEAT, 1, 1, NOW)
-    codec.restart(False)
-    assert types(codec, data[:9]) == []
-    assert types(codec, data[9:] + data[:5]) == ['HEARTBEAT']
-    assert types(codec, data[5:]) == ['HEARTBEAT']
+def test_a_stream_is_put_together_and_a_datagram_cut_short_does_not_swallow_the_next() -> None:
+    datagrams, stream, data = whole(), Codec(), Codec().pack(BEAT, 1, 1, NOW)
+    for codec in (datagrams, stream):
+        assert types(codec, data[:9]) == []
+    assert types(datagrams, data) == ['HEARTBEAT']
+    assert (datagrams.bad_bytes, stream.bad_bytes) == (1, 0)
+    assert types(stream, data[9:] + data[:5]) == ['HEARTBEAT']
+    assert types(stream, data[5:]) == ['HEARTBEAT']
 
 
 def test_with_a_key_only_what_is_signed_with_it_is_taken() -> None:
@@ -56,6 +51,8 @@ def test_with_a_key_only_what_is_signed_with_it_is_taken() -> None:
     assert types(codec, bytes(broken)) == []
     assert codec.refused == 3
     assert codec.bad_bytes == 0
+    # A forged time does not shut out the true one.
+    assert types(codec, signed(bytes(32), NOW + 3600 * 10**9)) == []
     # What follows in the datagram, cut short, does not hide why.
     assert types(codec, signed(bytes(32)) + b'\xfd') == []
     assert codec.refusal == (NOW, 'key')
@@ -83,13 +80,6 @@ def test_an_autopilot_that_was_silent_may_begin_anew_and_nobody_else() -> None:
     assert types(codec, again, later) == []
     assert codec.refusal == (later, 'time')
     assert types(codec, signed(at=NOW - 70 * 10**9), later + 2 * 10**9) == []
-
-
-def test_a_forged_time_does_not_shut_out_the_true_one() -> None:
-    codec = whole(KEY)
-    forged = signed(bytes(32), NOW + 3600 * 10**9)
-    assert types(codec, forged) == []
-    assert types(codec, signed()) == ['HEARTBEAT']
 
 
 @pytest.mark.parametrize('content', [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b'\n'])

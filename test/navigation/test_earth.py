@@ -54,12 +54,10 @@ def test_the_origin_is_asked_for_until_it_is_known_and_again_after_a_reboot() ->
     assert 3 <= world.asked.count(ORIGIN_ID) <= 4
     world.say(said())
     world.asked.clear()
-    world.run(5)
-    assert ORIGIN_ID not in world.asked
+    assert ORIGIN_ID not in world.run(5).asked
     world.boot = world.now - 10**9
-    world.run(2)
+    assert ORIGIN_ID in world.run(2).asked
     assert world.vehicle.earth.origin is None
-    assert ORIGIN_ID in world.asked
 
 
 @pytest.mark.parametrize('latitude', [-60.0, 0.0, 47.0, 80.0])

@@ -22,7 +22,6 @@ ANEW = (1e-6 * number for number in count(1))
         ('EKF_STATUS_REPORT', 0x33F, True),  # a real ArduCopter with GPS
         ('EKF_STATUS_REPORT', 0x400, False),  # the same while it starts: uninitialised
         ('EKF_STATUS_REPORT', 0x0A7, False),  # aligned, without GPS: constant position mode
-        ('EKF_STATUS_REPORT', 0x000, False),
         ('EKF_STATUS_REPORT', 0x33F | mavlink.EKF_GPS_GLITCHING, False),
         ('EKF_STATUS_REPORT', 0x33F & ~mavlink.EKF_POS_HORIZ_ABS, True),  # relative position only
         ('EKF_STATUS_REPORT', 0x33F & ~mavlink.EKF_POS_VERT_ABS, False),
@@ -31,7 +30,6 @@ ANEW = (1e-6 * number for number in count(1))
         ('ESTIMATOR_STATUS', 0x33F | mavlink.ESTIMATOR_GPS_GLITCH, False),
         ('ESTIMATOR_STATUS', 0x33F | mavlink.ESTIMATOR_ACCEL_ERROR, False),
         ('ESTIMATOR_STATUS', 0x33F | mavlink.ESTIMATOR_CONST_POS_MODE, False),
-        ('ESTIMATOR_STATUS', 0x007, False),
     ],
 )
 def test_flags_promise_attitude_and_position(name: str, flags: int, ready: bool) -> None:

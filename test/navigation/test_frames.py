@@ -16,9 +16,6 @@ EAST, NORTH, SKY = np.eye(3)
 ATTITUDES = {
     'nose north, level': ([1, 0, 0, 0], NORTH, -EAST, SKY),
     'nose east (yaw +90, clockwise)': ([HALF, 0, 0, HALF], EAST, NORTH, SKY),
-    'nose south (yaw 180)': ([0, 0, 0, 1], -NORTH, EAST, SKY),
-    'nose west (yaw -90)': ([HALF, 0, 0, -HALF], -EAST, -NORTH, SKY),
-    'nose straight up (pitch +90)': ([HALF, 0, HALF, 0], SKY, -EAST, -NORTH),
     'nose north, pitch up 30': (
         [C15, 0, S15, 0],
         np.cos(np.pi / 6) * NORTH + 0.5 * SKY,

@@ -121,24 +121,18 @@ def test_sending_first_to_an_autopilot_that_listens(connect) -> None:
         subject.until(subject.has_pose)
 
 
-def test_tcp_is_connected_again_when_it_breaks(connect) -> None:
+def test_tcp_that_nobody_serves_or_that_breaks_is_told_and_tried_again(connect) -> None:
     with listener() as server:
-        subject = connect(f'tcp:{LOCAL}:{server.getsockname()[1]}')
+        port = server.getsockname()[1]
+    subject = connect(f'tcp:{LOCAL}:{port}')
+    subject.until(lambda: 'refused' in subject.text())
+    with listener(port) as server:
         with HoveringAutopilot(Wire(server.accept()[0])):
             subject.until(subject.has_pose)
         subject.until(lambda: 'closed the connection' in subject.text())
         with HoveringAutopilot(Wire(server.accept()[0]), north=7.0):
             subject.until(lambda: subject.has_pose(7.0))
     assert subject.figure('reconnections') == 1
-
-
-def test_tcp_that_nobody_serves_is_told_and_tried_again(connect) -> None:
-    with listener() as server:
-        port = server.getsockname()[1]
-    subject = connect(f'tcp:{LOCAL}:{port}')
-    subject.until(lambda: 'refused' in subject.text())
-    with listener(port) as server, HoveringAutopilot(Wire(server.accept()[0])):
-        subject.until(subject.has_pose)
 
 
 def test_a_serial_line(connect) -> None:
@@ -222,10 +216,6 @@ def test_a_signing_autopilot_that_restarts_with_a_time_long_past_is_told_of(conn
         )
 
 
-def test_a_port_alone_listens_to_this_computer_only() -> None:
-    assert parse_address('udpin:14550') == ('udpin', '127.0.0.1', 14550)
-
-
 def test_it_knows_who_is_on_the_link(connect) -> None:
     port = free_port()
     subject = connect(f'udpin:{port}')
@@ -243,7 +233,7 @@ def test_it_knows_who_is_on_the_link(connect) -> None:
 
 @pytest.mark.parametrize(
     'address',
-    [
+    (
         '',
         'udpin:127.0.0.1',
         'udpin:0',
@@ -251,8 +241,9 @@ def test_it_knows_who_is_on_the_link(connect) -> None:
         'ttyACM0',
         'tcp::1',
         'udpout:a b:1',
-    ],
+    ),
 )
 def test_a_malformed_address_is_refused(address: str) -> None:
+    assert parse_address('udpin:14550') == ('udpin', '127.0.0.1', 14550), 'this computer only'
     with pytest.raises(ConfigurationError, match='udpin:HOST:PORT'):
         Link(address, 115200, VehicleSettings())
