@@ -57,7 +57,13 @@ def find(name: str | os.PathLike[str]) -> Path:
     """
     text = os.fspath(name)
     if text.startswith(SHIPPED):
-        return _find_shipped(text.removeprefix(SHIPPED))
+        names = sorted(path.name for path in config_folder().iterdir() if path.is_file())
+        shipped = text.removeprefix(SHIPPED)
+        if shipped in names:
+            return config_folder() / shipped
+        raise ConfigurationError(
+            f'{text}: no file of that name is shipped: give one of {", ".join(names)}'
+        )
     path = Path(text).expanduser()
     if path.exists():
         return path
@@ -66,15 +72,6 @@ def find(name: str | os.PathLike[str]) -> Path:
     if (config_folder() / path.name).is_file():
         advice += f', or give {SHIPPED}{path.name} for the example that is shipped'
     raise ConfigurationError(f'{path}: no such file{where}: {advice}')
-
-
-def _find_shipped(name: str) -> Path:
-    names = sorted(path.name for path in config_folder().iterdir() if path.is_file())
-    if name not in names:
-        raise ConfigurationError(
-            f'{SHIPPED}{name}: no file of that name is shipped: give one of {", ".join(names)}'
-        )
-    return config_folder() / name
 
 
 def by_number(path: Path) -> list[tuple[int, int, str]]:

@@ -174,8 +174,7 @@ def on_cluster(
             )
         running = {client.submit(_alone, work, item, pure=False): item for item in items}
         for future in as_completed(running):
-            failure = future.exception()
-            yield running[future], failure if failure is not None else future.result()
+            yield running[future], _outcome(future)
             future.release()
 
 

@@ -25,6 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import serial
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from ftp_dent_ros.errors import ConfigurationError, LinkError
@@ -145,12 +146,6 @@ class _Serial:
     is_datagram = False
 
     def __init__(self, path: str, baud: int) -> None:
-        try:
-            import serial
-        except ImportError:
-            raise LinkError(
-                f'{path}: serial lines need pyserial: install it (python3-serial)'
-            ) from None
         # Exclusive: two programs that read one line take each other's bytes.
         self.channel = serial.Serial(path, baud, timeout=0, write_timeout=0.2, exclusive=True)
 
@@ -338,24 +333,26 @@ class Link:
 
     def _verdict(self, now: Instant) -> Verdict:
         vehicle = self._vehicle
-        if self._fault:
-            return Verdict('error', self._fault)
+        is_alive, is_known = vehicle.is_alive(now), vehicle.clock.is_converged(now.ros)
         refused_at, why = self._codec.refusal
-        if not vehicle.is_alive(now) and time.time_ns() - refused_at < 3_000_000_000:
-            return Verdict('error', f'the autopilot is not believed: {_REFUSALS[why]}')
-        if vehicle.identity is None:
-            return Verdict(
-                'error',
+        is_refused = not is_alive and time.time_ns() - refused_at < 3_000_000_000
+        is_signing = is_alive and self._is_signing and not self._has_key and not is_known
+        for is_so, text in (
+            (bool(self._fault), self._fault),
+            (is_refused, f'the autopilot is not believed: {_REFUSALS[why]}'),
+            (
+                vehicle.identity is None,
                 f'no autopilot heard on {self._address}: check that it is on and sends there, and '
                 'system_id',
-            )
-        is_known = vehicle.clock.is_converged(now.ros)
-        if self._is_signing and not self._has_key and not is_known and vehicle.is_alive(now):
-            return Verdict(
-                'error',
+            ),
+            (
+                is_signing,
                 'the autopilot signs what it says and takes nothing that is not signed: set '
                 'signing_key',
-            )
+            ),
+        ):
+            if is_so:
+                return Verdict('error', text)
         return vehicle.verdict(now)
 
     def _now(self) -> Instant:
@@ -416,16 +413,8 @@ class Link:
             has_come = True
             now = self._now()
             with self._lock:
-                for message in self._codec.messages(data, time.time_ns()):
-                    self._roster.hear(message)
-                    if self._is_impostor(message, peer, now.steady):
-                        self._impostors += 1
-                        continue
-                    if self._vehicle.receive(message, now):
-                        self._peer, self._peer_heard = peer, now.steady
-                        self._is_signing = is_signed(message)
-                    if self._is_command(message, peer):
-                        commands.append(message)
+                messages = self._codec.messages(data, time.time_ns())
+                commands += [each for each in messages if self._take(each, peer, now)]
         with self._lock:
             poses = self._vehicle.new_poses(self._now())
         if poses:
@@ -434,20 +423,20 @@ class Link:
             self._on_command(command)
         return has_come
 
-    def _is_impostor(self, message: Any, peer: Peer, now: float) -> bool:
-        """Whether it speaks in the vehicle's name from elsewhere while that goes on speaking.
-
-        After a reboot the vehicle may come back from another port, but not within a second.
-        """
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        is_other = source == self._vehicle.identity and self._peer not in (None, peer)
-        return is_other and now - self._peer_heard < 1.0
-
-    def _is_command(self, message: Any, peer: Peer) -> bool:
-        """Whether it is a command from the vehicle's address, to its system or to all."""
-        vehicle = self._vehicle.identity
-        if message.get_type() != 'COMMAND_LONG' or vehicle is None or peer != self._peer:
+    def _take(self, message: Any, peer: Peer, now: Instant) -> bool:
+        """Take a message; whether it is a command of the vehicle's link, for us or all."""
+        vehicle, source = self._vehicle, (message.get_srcSystem(), message.get_srcComponent())
+        self._roster.hear(message)
+        # After a reboot the vehicle may come back from another address, but not within a second:
+        # somebody else speaks in its name.
+        is_elsewhere = source == vehicle.identity and self._peer not in (None, peer)
+        if is_elsewhere and now.steady - self._peer_heard < 1.0:
+            self._impostors += 1
             return False
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        to_all = message.target_system == 0 and source == vehicle
-        return to_all or message.target_system == vehicle[0]
+        if vehicle.receive(message, now):
+            self._peer, self._peer_heard = peer, now.steady
+            self._is_signing = is_signed(message)
+        if message.get_type() != 'COMMAND_LONG' or vehicle.identity is None or peer != self._peer:
+            return False
+        to_all = message.target_system == 0 and source == vehicle.identity
+        return to_all or message.target_system == vehicle.identity[0]

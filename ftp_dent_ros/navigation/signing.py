@@ -42,16 +42,14 @@ def read_key(path: str) -> bytes:
     try:
         if Path(path).stat().st_mode & 0o077:
             raise ConfigurationError(f'{path}: others can read the signing key: chmod 600 it')
-        with Path(path).open('rb') as file:
-            content = file.read(1024)
+        content = Path(path).read_bytes()
     except OSError as reason:
         raise ConfigurationError(
             f'{path}: the signing key cannot be read ({reason.strerror}): check signing_key'
         ) from None
-    if len(content) == _KEY_LENGTH:
-        return content
     try:
-        key = bytes.fromhex(content.decode('ascii'))
+        is_whole = len(content) == _KEY_LENGTH
+        key = content if is_whole else bytes.fromhex(content.decode('ascii'))
     except ValueError:
         key = b''
     if len(key) != _KEY_LENGTH:
@@ -64,8 +62,8 @@ def read_key(path: str) -> bytes:
 
 def is_signed(message: Any) -> bool:
     """Whether a message bears a signature, right or wrong."""
-    head = message.get_msgbuf()[:3]
-    return len(head) == 3 and head[0] == mavlink.PROTOCOL_MARKER_V2 and bool(head[2] & _SIGNED)
+    head = message.get_msgbuf()
+    return head[0] == mavlink.PROTOCOL_MARKER_V2 and bool(head[2] & _SIGNED)
 
 
 class _Parser(mavlink.MAVLink):

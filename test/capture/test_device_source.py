@@ -18,7 +18,7 @@ from ftp_dent_ros.capture.device import (
     _Due,
     open_device,
 )
-from ftp_dent_ros.capture.source import ExposureClock
+from ftp_dent_ros.capture.source import ExposureClock, stamps_exposure_start
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 
 
@@ -106,27 +106,19 @@ def test_frames_are_new_and_in_order_until_the_camera_is_gone(tmp_path, camera):
     assert trouble == 'the camera has stopped giving images: check its cable'
 
 
-def test_a_camera_that_comes_back_is_opened_again(tmp_path, camera):
-    write_video(tmp_path / 'camera.avi', range(40, 240, 50))
-    source = camera()
-    frames_until_unplugged(source)
-    with pytest.raises(CameraError, match='stopped'):
-        while True:
-            source.next_frame(0.0)
-    again = frame_in_spite_of_trouble(source)
-    assert again is not None
-    assert source.notes()['times opened'] >= 2
-
-
-def test_a_camera_that_is_plugged_in_later_is_found(tmp_path, camera):
+def test_a_camera_that_is_plugged_in_later_and_one_that_comes_back_are_opened(tmp_path, camera):
     source = camera()
     with pytest.raises(CameraError, match='plug the camera in'):
         while True:
             source.next_frame(1.0)
-    write_video(tmp_path / 'other.avi', range(40, 240, 2))
+    write_video(tmp_path / 'other.avi', range(40, 240, 50))
     (tmp_path / 'other.avi').rename(tmp_path / 'camera.avi')
-    frame = frame_in_spite_of_trouble(source)
-    assert frame is not None
+    assert frame_in_spite_of_trouble(source) is not None
+    with pytest.raises(CameraError, match='stopped'):
+        while True:
+            source.next_frame(0.0)
+    assert frame_in_spite_of_trouble(source) is not None
+    assert source.notes()['times opened'] >= 2
 
 
 def test_a_repeated_image_is_left_out(tmp_path, camera):
@@ -181,12 +173,9 @@ def test_a_faster_camera_is_thinned_regularly():
     assert set(np.diff(chosen)) == {3}
 
 
-SETTINGS = CameraSettings(path='/dev/video99', width=1280, height=720)
-
-
 def test_a_missing_device_is_named():
     with pytest.raises(CameraError, match='/dev/video99 does not exist: plug'):
-        open_device(SETTINGS)
+        open_device(CameraSettings(path='/dev/video99', width=1280, height=720))
 
 
 def test_a_file_that_is_no_camera_is_refused(tmp_path):
@@ -200,3 +189,36 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path):
 def test_a_pixel_format_that_cannot_serve_is_refused(fourcc):
     with pytest.raises(ConfigurationError, match='pixel format'):
         CameraSettings(path='/dev/video0', fourcc=fourcc)
+
+
+MONOTONIC = 5_000_000_000_000
+ROS = 1_763_000_000_000_000_000
+MILLISECOND = 1_000_000
+
+
+@pytest.mark.parametrize(
+    ('clock', 'middle_ms'),
+    [
+        (ExposureClock(), -30),
+        (ExposureClock(exposure=0.010), -35),
+        (ExposureClock(exposure=0.010, at_start=True), -25),
+        (ExposureClock(exposure=0.010, at_start=True, offset=-0.002), -27),
+    ],
+)
+def test_a_buffer_is_stamped_with_the_middle_of_its_exposure(clock, middle_ms):
+    buffer_ms = MONOTONIC / 1e6 - 30
+    stamp, from_kernel = clock.stamp_ns(buffer_ms, MONOTONIC, ROS)
+    assert from_kernel and abs(stamp - (ROS + middle_ms * MILLISECOND)) < 1000
+
+
+@pytest.mark.parametrize(
+    'buffer_ms',
+    [0.0, 33.4, MONOTONIC / 1e6 - 1500, MONOTONIC / 1e6 + 40, ROS / 1e6, -1.0],
+)
+def test_an_implausible_time_is_not_believed(buffer_ms):
+    clock = ExposureClock(exposure=0.010, at_start=True)
+    assert clock.stamp_ns(buffer_ms, MONOTONIC, ROS) == (ROS - 5 * MILLISECOND, False)
+
+
+def test_a_device_without_a_driver_stamps_the_end():
+    assert not stamps_exposure_start('/dev/video99')

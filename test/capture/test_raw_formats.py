@@ -16,26 +16,21 @@ BYTES = {
 TEN = np.array([[0x3FF, 0x001, 0x155, 0x2AA]], np.uint16)
 
 
-def raw(text):
-    return np.frombuffer(bytes.fromhex(text), np.uint8)
-
-
 @pytest.mark.parametrize(
-    ('code', 'packing'), [(0x01100005, ''), (0x010C0047, 'p'), (0x010C0006, 'packed')]
+    ('code', 'text', 'encoding', 'levels'),
+    [
+        (0x01100005, BYTES[''], 'mono12', LEVELS),
+        (0x010C0047, BYTES['p'], 'mono12', LEVELS),
+        (0x010C0006, BYTES['packed'], 'mono12', LEVELS),
+        (0x010A0058, 'FF0750 95AA', 'bayer_rggb10', TEN),
+        (0x010C0027, 'FF1300 55 21AA', 'bayer_rggb10', TEN),
+    ],
 )
-def test_twelve_bits_of_a_grey_sensor(code, packing):
-    photograph = GENICAM[code].photograph(raw(BYTES[packing]), 4, 2)
-    assert photograph.encoding == 'mono12'
-    np.testing.assert_array_equal(photograph.pixels, LEVELS)
-
-
-@pytest.mark.parametrize(
-    ('code', 'text'), [(0x010A0058, 'FF0750 95AA'), (0x010C0027, 'FF1300 55 21AA')]
-)
-def test_ten_bits_of_a_mosaic(code, text):
-    photograph = GENICAM[code].photograph(raw(text.replace(' ', '')), 4, 1)
-    assert photograph.encoding == 'bayer_rggb10'
-    np.testing.assert_array_equal(photograph.pixels, TEN)
+def test_twelve_bits_of_a_grey_sensor_and_ten_of_a_mosaic(code, text, encoding, levels):
+    data = np.frombuffer(bytes.fromhex(text), np.uint8)
+    photograph = GENICAM[code].photograph(data, 4, len(levels))
+    assert photograph.encoding == encoding
+    np.testing.assert_array_equal(photograph.pixels, levels)
 
 
 @pytest.mark.parametrize(

@@ -21,13 +21,10 @@ def source(rate=0.0):
     return SimulatedSource(photograph, rate, count(1000).__next__)
 
 
-def test_without_a_pattern_there_is_no_photograph():
-    with pytest.raises(CameraError, match='start pattern_publisher'):
-        source().shoot()
-
-
-def test_a_pattern_of_another_size_is_refused():
+def test_without_a_pattern_or_with_one_of_another_size_there_is_no_photograph():
     camera = source()
+    with pytest.raises(CameraError, match='start pattern_publisher'):
+        camera.shoot()
     camera.project(np.zeros((3, 2, 3), np.uint8), 0)
     with pytest.raises(ImageError, match='wrong size'):
         camera.shoot()
