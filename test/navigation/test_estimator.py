@@ -24,7 +24,6 @@ ANEW = (1e-6 * number for number in count(1))
         ('EKF_STATUS_REPORT', 0x0A7, False),  # aligned, without GPS: constant position mode
         ('EKF_STATUS_REPORT', 0x33F | mavlink.EKF_GPS_GLITCHING, False),
         ('EKF_STATUS_REPORT', 0x33F & ~mavlink.EKF_POS_HORIZ_ABS, True),  # relative position only
-        ('EKF_STATUS_REPORT', 0x33F & ~mavlink.EKF_POS_VERT_ABS, False),
         ('EKF_STATUS_REPORT', 0x33F & ~mavlink.EKF_ATTITUDE, False),
         ('ESTIMATOR_STATUS', 0x33F, True),
         ('ESTIMATOR_STATUS', 0x33F | mavlink.ESTIMATOR_GPS_GLITCH, False),

@@ -19,6 +19,13 @@ def flight(data: Path) -> Flight:
 
 
 @pytest.fixture(scope='module')
+def rows(flight: Flight, outcome: Outcome) -> list[int]:
+    """Of the truth, the records at the stamps of the tags."""
+    index = {stamp: i for i, stamp in enumerate(flight.truth().times)}
+    return [index[stamp] for stamp in outcome.tags]
+
+
+@pytest.fixture(scope='module')
 def outcome(flight: Flight) -> Outcome:
     return replay(flight, flight.truth().times)
 
@@ -84,11 +91,10 @@ def test_poses_are_the_logs_own(flight: Flight, outcome: Outcome) -> None:
     assert angle < 0.1
 
 
-def test_poses_agree_with_the_simulators_truth(flight: Flight, outcome: Outcome) -> None:
-    truth = flight.truth()
-    index = {stamp: i for i, stamp in enumerate(truth.times)}
-    stamps = list(outcome.tags)
-    rows = [index[stamp] for stamp in stamps]
+def test_poses_agree_with_the_simulators_truth(
+    flight: Flight, outcome: Outcome, rows: list[int]
+) -> None:
+    truth, stamps = flight.truth(), list(outcome.tags)
     errors = compare(list(outcome.tags.values()), truth.position[rows], truth.attitude[rows])
     position, angle = errors.rms()
     assert np.all(position < [0.05, 0.05, 0.15])
@@ -104,16 +110,13 @@ def test_poses_agree_with_the_simulators_truth(flight: Flight, outcome: Outcome)
     assert np.all(hovering.largest()[0] < [0.05, 0.05, 0.15])
 
 
-def test_covariances_cover_the_truth(flight: Flight, outcome: Outcome) -> None:
-    truth = flight.truth()
-    index = {stamp: i for i, stamp in enumerate(truth.times)}
+def test_covariances_cover_the_truth(flight: Flight, outcome: Outcome, rows: list[int]) -> None:
+    truth, poses = flight.truth(), list(outcome.tags.values())
     deviations = np.array([np.sqrt(np.diag(c)) for c in outcome.covariances.values()])
-    errors = []
-    for stamp, pose in outcome.tags.items():
-        position = frames.enu_from_ned(truth.position[index[stamp]])
-        turn = Rotation.from_quat(frames.enu_attitude(truth.attitude[index[stamp]]))
-        off = (pose.rotation * turn.inv()).as_rotvec()
-        errors.append(np.concatenate([pose.translation - position, off]))
+    turns = Rotation.from_quat(frames.enu_attitude(truth.attitude[rows]))
+    off = Rotation.from_quat([pose.quaternion for pose in poses]) * turns.inv()
+    places = np.array([pose.translation for pose in poses])
+    errors = np.hstack([places - frames.enu_from_ned(truth.position[rows]), off.as_rotvec()])
     ratios = np.abs(errors) / deviations
     assert np.all(np.mean(ratios < 2, axis=0) > 0.95)
     # Nor are they so wide that they say nothing.

@@ -28,6 +28,7 @@ class Subject:
     def __init__(self, address: str, key: bytes = b'') -> None:
         self._news = threading.Event()
         self.poses: list[Any] = []
+        self.port = 0  # that it listens on, where no address is given
         self.link = Link(address, 115200, VehicleSettings(), on_poses=self._take, signing_key=key)
 
     def _take(self, poses: list[Any]) -> None:
@@ -69,8 +70,10 @@ class Subject:
 def connect() -> Iterator[Callable[..., Subject]]:
     subjects: list[Subject] = []
 
-    def make(*options: Any) -> Subject:
-        subjects.append(Subject(*options))
+    def make(address: str = '', key: bytes = b'') -> Subject:
+        port = free_port()
+        subjects.append(Subject(address or f'udpin:{port}', key))
+        subjects[-1].port = port
         return subjects[-1]
 
     yield make
@@ -89,6 +92,11 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
+def flying(port: int, **options: Any) -> HoveringAutopilot:
+    """An autopilot that sends there from a port of its own."""
+    return HoveringAutopilot(Wire(udp(), (LOCAL, port)), **options)
+
+
 def listener(port: int = 0) -> socket.socket:
     server = socket.socket()
     server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -99,9 +107,8 @@ def listener(port: int = 0) -> socket.socket:
 
 
 def test_listening_for_an_autopilot_that_sends(connect) -> None:
-    port = free_port()
-    subject = connect(f'udpin:{LOCAL}:{port}')
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port))) as autopilot:
+    subject = connect()
+    with flying(subject.port) as autopilot:
         subject.until(subject.has_pose)
         subject.link.send_heartbeat()
         heartbeat = subject.until(lambda: autopilot.heard('HEARTBEAT'))[0]
@@ -153,27 +160,25 @@ def test_a_port_in_use_is_told_and_taken_when_it_is_free(connect) -> None:
         fault = subject.until(lambda: 'another program' in (f := subject.text()) and f)
         assert fault.startswith(f'udpin:{LOCAL}:{port}: ')
     subject.until(subject.is_open)
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
+    with flying(port):
         subject.until(subject.has_pose)
 
 
 def test_an_autopilot_that_reboots_comes_back_from_another_port(connect) -> None:
-    port = free_port()
-    subject = connect(f'udpin:{LOCAL}:{port}')
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), uptime=3600.0):
+    subject = connect()
+    with flying(subject.port, uptime=3600.0):
         subject.until(subject.has_pose)
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=9.0) as second:
+    with flying(subject.port, north=9.0) as second:
         subject.until(lambda: subject.has_pose(9.0))
         assert second.heard('COMMAND_LONG')
     assert subject.figure('clock restarts') == 1
 
 
 def test_who_speaks_in_its_name_from_elsewhere_is_not_believed(connect) -> None:
-    port = free_port()
-    subject = connect(f'udpin:{LOCAL}:{port}')
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port))):
+    subject = connect()
+    with flying(subject.port):
         subject.until(lambda: subject.poses and subject.has_pose())
-        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=50.0, uptime=900.0) as other:
+        with flying(subject.port, north=50.0, uptime=900.0) as other:
             subject.until(lambda: subject.figure('messages in its name from elsewhere') > 10)
             assert other.received == []
         assert subject.figure('clock restarts') == 0
@@ -182,13 +187,13 @@ def test_who_speaks_in_its_name_from_elsewhere_is_not_believed(connect) -> None:
 
 
 def test_with_a_key_only_an_autopilot_that_has_it_is_believed(connect) -> None:
-    port, key = free_port(), bytes(range(32))
-    subject = connect(f'udpin:{port}', key)
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), north=50.0):
+    key = bytes(range(32))
+    subject = connect(key=key)
+    with flying(subject.port, north=50.0):
         subject.until(lambda: subject.figure(UNSIGNED) > 2)
         assert subject.link.state().identity is None
         assert 'is not signed, and signing_key is set' in subject.text()
-        with HoveringAutopilot(Wire(udp(), (LOCAL, port)), key=key) as true:
+        with flying(subject.port, key=key) as true:
             subject.until(lambda: subject.poses and subject.has_pose())
             assert all(message.get_signed() for message in true.received)
         # In its name, but without its key.
@@ -196,20 +201,19 @@ def test_with_a_key_only_an_autopilot_that_has_it_is_believed(connect) -> None:
 
 
 def test_an_autopilot_that_signs_is_told_of_where_no_key_is_set(connect) -> None:
-    port = free_port()
-    subject = connect(f'udpin:{port}')
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), key=bytes(range(32))) as autopilot:
+    subject = connect()
+    with flying(subject.port, key=bytes(range(32))) as autopilot:
         subject.until(lambda: 'signs what it says' in subject.text())
         assert 'set signing_key' in subject.text()
         assert autopilot.received == []
 
 
 def test_a_signing_autopilot_that_restarts_with_a_time_long_past_is_told_of(connect) -> None:
-    port, key = free_port(), bytes(range(32))
-    subject = connect(f'udpin:{port}', key)
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port)), uptime=3600.0, key=key):
+    key = bytes(range(32))
+    subject = connect(key=key)
+    with flying(subject.port, uptime=3600.0, key=key):
         subject.until(subject.has_pose)
-    wire = Wire(udp(), (LOCAL, port))
+    wire = Wire(udp(), (LOCAL, subject.port))
     with HoveringAutopilot(wire, north=9.0, key=key, signed_behind=300.0):
         subject.until(
             lambda: subject.figure(UNSIGNED) > 20 and 'a time of the past' in subject.text()
@@ -217,12 +221,11 @@ def test_a_signing_autopilot_that_restarts_with_a_time_long_past_is_told_of(conn
 
 
 def test_it_knows_who_is_on_the_link(connect) -> None:
-    port = free_port()
-    subject = connect(f'udpin:{port}')
-    with HoveringAutopilot(Wire(udp(), (LOCAL, port))), udp() as other:
+    subject = connect()
+    with flying(subject.port), udp() as other:
         subject.until(subject.has_pose)
         beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
-        other.sendto(beat.pack(mavlink.MAVLink(None, 255, 190)), (LOCAL, port))
+        other.sendto(beat.pack(mavlink.MAVLink(None, 255, 190)), (LOCAL, subject.port))
         subject.until(lambda: len(subject.link.speakers()) == 2)
     speakers = subject.link.speakers()
     vehicle, ground = speakers[1, 1], speakers[255, 190]
