@@ -69,10 +69,10 @@ class Track:
 
     def add(self, stamp: int, sample: Sample) -> None:
         """Take a sample, unless it is not newer than the last."""
-        if self.stamps and stamp <= self.stamps[-1]:
-            return
         if self.stamps:
             seconds, last = (stamp - self.stamps[-1]) / 1e9, self.samples[-1]
+            if seconds <= 0:
+                return
             off = self.step(last.value, sample.value) - (last.rate + sample.rate) / 2 * seconds
             most = self.jump + self.acceleration * seconds**2 / 4
             is_reset = sample.resets != last.resets or bool(np.linalg.norm(off) > most)
@@ -86,11 +86,9 @@ class Track:
 
     def around(self, stamp: int, maximum_gap: int) -> tuple[Sample, Sample, float, float]:
         """The samples around a stamp, their gap in seconds, and where in it it lies, 0 to 1."""
-        if not self.stamps:
-            raise PoseAwaitedError(f'no {self.name} has come from the autopilot', 'no pose yet')
-        if stamp > self.stamps[-1]:
+        if not self.stamps or stamp > self.stamps[-1]:
             raise PoseAwaitedError(
-                f'the newest {self.name} is {_ms(stamp - self.stamps[-1])} older than the stamp',
+                f'no {self.name} has come from the autopilot since the stamp',
                 'later sample awaited',
             )
         if stamp < self.stamps[0]:

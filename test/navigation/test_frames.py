@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.navigation import frames
 
 HALF = np.sqrt(0.5)
-C15, S15 = np.cos(np.radians(15)), np.sin(np.radians(15))
 FORWARD, LEFT, UP = np.eye(3)
 EAST, NORTH, SKY = np.eye(3)
 
@@ -16,18 +15,8 @@ EAST, NORTH, SKY = np.eye(3)
 ATTITUDES = {
     'nose north, level': ([1, 0, 0, 0], NORTH, -EAST, SKY),
     'nose east (yaw +90, clockwise)': ([HALF, 0, 0, HALF], EAST, NORTH, SKY),
-    'nose north, pitch up 30': (
-        [C15, 0, S15, 0],
-        np.cos(np.pi / 6) * NORTH + 0.5 * SKY,
-        -EAST,
-        -0.5 * NORTH + np.cos(np.pi / 6) * SKY,
-    ),
-    'nose north, roll right 30': (
-        [C15, S15, 0, 0],
-        NORTH,
-        -np.cos(np.pi / 6) * EAST + 0.5 * SKY,
-        0.5 * EAST + np.cos(np.pi / 6) * SKY,
-    ),
+    'nose straight up (pitch +90)': ([HALF, 0, HALF, 0], SKY, -EAST, -NORTH),
+    'nose north, roll right 90': ([HALF, HALF, 0, 0], NORTH, SKY, EAST),
     'nose east, roll right 90': ([0.5, 0.5, 0.5, 0.5], EAST, SKY, -NORTH),
 }
 

@@ -90,7 +90,7 @@ def test_nothing_is_extrapolated() -> None:
     only_attitude = Circle().feed(PoseHistory(), range(0, 100, 20), range(0))
     with pytest.raises(PoseAwaitedError, match='no position') as none:
         only_attitude.at(50 * MS)
-    assert none.value.reason == 'no pose yet'
+    assert none.value.reason == 'later sample awaited'
 
 
 def test_nothing_is_interpolated_across_a_gap() -> None:

@@ -83,10 +83,6 @@ def test_without_its_own_covariance_the_estimators_status_counts() -> None:
     tag = world.run(10).vehicle.tag_at(world.now - S, world.at)
     told = [0.5, 0.5, np.hypot(0.8, 0.2)]
     assert_allclose(np.sqrt(np.diag(tag.covariance))[:3], told, rtol=0.01)
-    without = Px4()
-    without.grants -= {mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS}
-    assert without.run(10).reason(1.0) == ('estimator not reported', False)
-    assert 'ESTIMATOR_STATUS' in without.verdict() and without.poses == []
 
 
 def test_px4_without_gps_is_refused_from_its_last_fix_on() -> None:
