@@ -65,8 +65,13 @@ def crossed(vectors: Array) -> Array:
 
 
 def rotation_vectors(turns: Array) -> Array:
-    """Rotation vectors of matrices of shape (n, 3, 3) or (3, 3)."""
-    return Rotation.from_matrix(turns).as_rotvec()
+    """Rotation vectors of matrices of shape (n, 3, 3) that turn by less than half a turn."""
+    skew = (turns - np.swapaxes(turns, -1, -2)) / 2
+    axis = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    sine = np.linalg.norm(axis, axis=-1)
+    cosine = (np.trace(turns, axis1=-2, axis2=-1) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    return axis * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)[..., None]
 
 
 def twists(turns: Array, shifts: Array) -> Array:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import errno
 import re
 import select
 import socket
@@ -84,12 +83,10 @@ def open_transport(address: str, baud: int) -> Transport:
         host = socket.gethostbyname(host)
         return _Tcp(host, port) if kind == 'tcp' else _Udp(kind == 'udpin', host, port)
     except OSError as reason:
-        if reason.errno == errno.EADDRINUSE:
-            raise LinkError(
-                f'{address}: another program listens on this port: stop it, or choose another port'
-            ) from None
-        what = reason.strerror or str(reason)
-        raise LinkError(f'{address}: cannot be opened ({what}): check the address') from None
+        raise LinkError(
+            f'{address}: cannot be opened ({reason.strerror or reason}): check the address, and '
+            'stop another program that has it'
+        ) from None
 
 
 class _Udp:

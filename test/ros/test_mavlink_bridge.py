@@ -226,7 +226,7 @@ def test_mount_and_frames_are_parameters_and_clouds_wait_in_a_queue(ros, port) -
     with hovering(port):
         ros.until(lambda: bridge.stream)
         # Those that waited are of a time when no autopilot was there.
-        bridge.status.shows('refused: estimator not reported', 2)
+        bridge.status.shows('refused: GPS not reported', 2)
         bridge.tag('lens')
         ros.until(lambda: clouds)
     assert clouds[0].header.frame_id == bridge.poses[0].header.frame_id == 'site'
