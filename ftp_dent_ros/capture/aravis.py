@@ -185,9 +185,7 @@ class GenicamCapture:
             return
         rate = self._settings.device_rate
         pause = 1 / rate if rate > 0 else 0.0
-        left = self._triggered + pause - time.monotonic()
-        if left > 0:
-            time.sleep(left)
+        time.sleep(max(0.0, self._triggered + pause - time.monotonic()))
         self._triggered = time.monotonic()
         self._call('arv_camera_software_trigger', self._camera)
 
@@ -200,8 +198,10 @@ class GenicamCapture:
         self._host_ns = device_ns + min(self._offsets) if device_ns else arrived_ns
         size = ctypes.c_size_t()
         data = library.arv_buffer_get_data(buffer, ctypes.byref(size))
-        width = library.arv_buffer_get_image_width(buffer)
-        height = library.arv_buffer_get_image_height(buffer)
+        size_px = (
+            library.arv_buffer_get_image_width(buffer),
+            library.arv_buffer_get_image_height(buffer),
+        )
         kind = library.arv_buffer_get_image_pixel_format(buffer)
         if kind not in GENICAM:
             raise CameraError(
@@ -211,7 +211,7 @@ class GenicamCapture:
         # Copied: the buffer goes back to the camera.
         flat: Any = (ctypes.c_uint8 * size.value).from_address(data)
         pixels = np.frombuffer(flat, np.uint8).copy()
-        self._image = GENICAM[kind].photograph(pixels, width, height)
+        self._image = GENICAM[kind].photograph(pixels, *size_px)
 
     def _call(self, function: str, *arguments: Any) -> Any:
         """Call what ends with a GError; raises it."""

@@ -171,8 +171,7 @@ class ExposureClock:
 
 def stamps_exposure_start(device: str) -> bool:
     """Whether the driver of a device file stamps the start of the exposure, as uvcvideo does."""
-    name = Path(device).resolve().name
-    driver = Path('/sys/class/video4linux') / name / 'device' / 'driver'
+    driver = Path('/sys/class/video4linux', Path(device).resolve().name, 'device', 'driver')
     return driver.resolve().name == 'uvcvideo'
 
 
