@@ -134,6 +134,9 @@ class FileParameters(Declarations):
         """As `Declarations.take`."""
         self.names.append(declaration.name)
         value = self._values.get(declaration.name, declaration.default)
+        if isinstance(declaration.default, float) and isinstance(value, str):
+            # YAML 1.1 takes 1e-3 for a text; ROS takes it for a number.
+            value = _number(value)
         try:
             return declaration.checked(value)
         except ConfigurationError as error:
@@ -190,3 +193,10 @@ def flat(values: Mapping[str, Any], prefix: str = '') -> Iterable[tuple[str, Any
             yield from flat(value, f'{prefix}{name}.')
         else:
             yield f'{prefix}{name}', value
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -71,9 +70,3 @@ class _PlainLoader(yaml.SafeLoader):
 
     def _refusal(self, node: yaml.Node, problem: str) -> yaml.YAMLError:
         return yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
-
-
-# YAML 1.1 takes 1e-3 for a text; ROS takes it for a number.
-_PlainLoader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+'), list('-+0123456789')
-)
