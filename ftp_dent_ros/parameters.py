@@ -7,6 +7,7 @@ function on the values of a configuration, so that a wrong one is found before a
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
 from abc import ABC, abstractmethod
@@ -136,7 +137,8 @@ class FileParameters(Declarations):
         value = self._values.get(declaration.name, declaration.default)
         if isinstance(declaration.default, float) and isinstance(value, str):
             # YAML 1.1 takes 1e-3 for a text; ROS takes it for a number.
-            value = _number(value)
+            with contextlib.suppress(ValueError):
+                value = float(value)
         try:
             return declaration.checked(value)
         except ConfigurationError as error:
@@ -193,10 +195,3 @@ def flat(values: Mapping[str, Any], prefix: str = '') -> Iterable[tuple[str, Any
             yield from flat(value, f'{prefix}{name}.')
         else:
             yield f'{prefix}{name}', value
-
-
-def _number(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
