@@ -38,5 +38,6 @@ def test_hostile_yaml_is_refused_with_one_short_sentence(tmp_path, text, said):
 
 def test_harmless_aliases_are_read(tmp_path):
     path = tmp_path / 'settings.yaml'
-    path.write_text('a: &a {x: [1, 2]}\nb: {<<: *a, y: *a}')
+    path.write_text('a: &a {x: [1, 2]}\nb: {<<: *a, y: *a}\nid: 123e45')
+    assert read_yaml(path, ConfigurationError)['id'] == '123e45', 'no number, for what is written'
     assert read_yaml(path, ConfigurationError)['b'] == {'x': [1, 2], 'y': {'x': [1, 2]}}
