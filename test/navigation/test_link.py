@@ -71,7 +71,8 @@ def connect() -> Iterator[Callable[..., Subject]]:
     subjects: list[Subject] = []
 
     def make(address: str = '', key: bytes = b'') -> Subject:
-        port = free_port()
+        with udp() as probe:
+            port = probe.getsockname()[1]
         subjects.append(Subject(address or f'udpin:{port}', key))
         subjects[-1].port = port
         return subjects[-1]
@@ -85,11 +86,6 @@ def udp() -> socket.socket:
     end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     end.bind((LOCAL, 0))
     return end
-
-
-def free_port() -> int:
-    with udp() as probe:
-        return probe.getsockname()[1]
 
 
 def flying(port: int, **options: Any) -> HoveringAutopilot:
