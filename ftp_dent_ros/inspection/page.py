@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
 from ftp_dent_ros.dents.rules import EXCEEDS, UNDECIDED, WITHIN, Judgement, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
@@ -195,7 +196,7 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
         ('Rig', rig or 'not known'),
         ('Positions in', report.frame_id),
         ('Pose', _pose(frames)),
-        ('Software', f'ftp_dent_ros {report.version}'),
+        ('Software', f'ftp_dent_ros {__version__}'),
         ('Report written', iso_time(report.written_ns)),
     ]
     facts += [('Note', each) for each in report.remarks]

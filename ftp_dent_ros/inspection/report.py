@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -114,10 +115,6 @@ class InspectionReport:
     frames : tuple of ReportedCloud
     entries : tuple of ListedDent
         Dents, bumps and steps.
-    version : str
-        Of the software.
-    written_ns : int
-        Time of writing, nanoseconds since 1970.
     settings : SmallestDent
         The smallest dents that were looked for.
     rig_name, rig_id : str
@@ -135,14 +132,14 @@ class InspectionReport:
         All of it, where the clouds were joined: `ftp_dent_ros.survey.writing.skin_of`.
     remarks : tuple of str
         What else is to be known of the flight.
+    written_ns : int
+        Time of writing, nanoseconds since 1970.
     """
 
     source: str
     frame_id: str
     frames: tuple[ReportedCloud, ...]
     entries: tuple[ListedDent, ...]
-    version: str
-    written_ns: int
     settings: SmallestDent
     rig_name: str = ''
     rig_id: str = ''
@@ -154,6 +151,7 @@ class InspectionReport:
     placed: bool = True
     skin: dict[str, Any] | None = None
     remarks: tuple[str, ...] = ()
+    written_ns: int = field(default_factory=time.time_ns)
 
     @property
     def dents(self) -> tuple[ListedDent, ...]:
