@@ -32,37 +32,24 @@ UNKNOWN_POSITION, UNKNOWN_ANGLE = 0.02, 0.01
 EXACT = np.eye(6) * 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """The middle of a frame's dents: where its pose has it, and where it was found to lie."""
-
-    group: int
-    stated: NDArray[np.float64]
-    found: NDArray[np.float64]
-
-
 class DentList:
     """Dents over the frames of a flight, in one frame of reference (``map``).
 
     A frame lies where its dents lie on those of a group, and the group where its frames' poses
     have it in the mean. Frames that show no known dent begin another group, until one joins both.
     What keeps its place in the picture while the camera moves is of a glass, and not in the list.
-
-    Parameters
-    ----------
-    first : int
-        Number of the first dent.
     """
 
-    def __init__(self, first: int = 1) -> None:
+    def __init__(self) -> None:
         #: What was added, where it lies now.
         self.clouds: list[SeenDents] = []
         self._entries: list[ListedDent] = []
-        self._stamps: set[int] = set()
-        self._numbers, self._groups = first - 1, 0
+        self._numbers = self._groups = 0
         self._begun: dict[tuple[int, int], int] = {}
         self._error: NDArray[np.float64] | None = None
-        self._placed: list[_Placed] = []
+        # Of each frame its group, and the middle of its dents: where its pose has it, and where it
+        # was found to lie.
+        self._placed: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
         self._glass = Glass()
 
     @property
@@ -83,37 +70,13 @@ class DentList:
 
     def _shift(self, group: int) -> NDArray[np.float64]:
         """From where a group lies to where its poses have it in the mean."""
-        off = [each.stated - each.found for each in self._placed if each.group == group]
+        off = [stated - found for member, stated, found in self._placed if member == group]
         return np.mean(off, axis=0) if off else np.zeros(3)
 
     def copy(self) -> DentList:
         """The same list, to go on from another time."""
         other = DentList()
         other.__dict__.update({name: copy(value) for name, value in self.__dict__.items()})
-        return other
-
-    def moved(self, move: Pose, clouds: Sequence[SeenDents]) -> DentList:
-        """The same list, moved as one.
-
-        Parameters
-        ----------
-        move : Pose
-        clouds : sequence of SeenDents
-            What it is made of, where that lies then.
-        """
-        other = self.copy()
-        other.clouds = list(clouds)
-        if move is IDENTITY:
-            return other
-        other._entries = [each.moved(move, each.group) for each in self._entries]
-        other._placed = [
-            _Placed(each.group, move.apply(each.stated), move.apply(each.found))
-            for each in self._placed
-        ]
-        other._glass = self._glass.moved(move)
-        if self._error is not None:
-            turned = move.rotation.apply(self._error.reshape(2, 3))
-            other._error = turned.ravel()
         return other
 
     def numbered_as(self, other: DentList) -> DentList:
@@ -152,13 +115,12 @@ class DentList:
             default.
         """
         stamp_ns = frame if stamp_ns is None else stamp_ns
-        if stamp_ns in self._stamps:
+        if any(each.stamp_ns == stamp_ns for each in self.clouds):
             return False
         cloud = SeenDents(frame, dents, pose, covariance, repeats or [()] * len(dents), stamp_ns)
         # What cannot be added changes nothing.
         after = self.copy()
         after._add(cloud)
-        after._stamps.add(stamp_ns)
         self.__dict__.update(after.__dict__)
         return True
 
@@ -191,7 +153,7 @@ class DentList:
             known.setdefault(entry.group, []).append(entry.dent)
         matches = groups_shown(dents, known, pivot, doubt, expected)
         move = matches[0][1] if matches else IDENTITY if expected is None else expected
-        self._error = error_of(move, pivot)
+        self._error = np.concatenate([move.apply(pivot) - pivot, move.rotation.as_rotvec()])
         seen = [
             Sighting(
                 frame,
@@ -204,15 +166,17 @@ class DentList:
         group = self._joined(matches)
         if len(dents):
             stated = np.mean([dent.position for dent in dents], axis=0)
-            self._placed.append(_Placed(group, stated, move.apply(stated)))
+            self._placed.append((group, stated, move.apply(stated)))
         pairs = paired(seen, self._entries, group)
         for index, each in enumerate(seen):
             if index in pairs:
-                known_as = self._entries[pairs[index]]
-                self._entries[pairs[index]] = known_as.with_sightings([each])
+                self._see_again(pairs[index], [each])
             else:
                 number = self._number(frame, kept[index])
                 self._entries.append(listed(number, (each,), group))
+
+    def _see_again(self, index: int, sightings: Sequence[Sighting]) -> None:
+        self._entries[index] = self._entries[index].with_sightings(sightings)
 
     def _number(self, frame: int, index: int) -> int:
         """Number of the dent that a frame's dent begins."""
@@ -232,16 +196,13 @@ class DentList:
             moved = [e.moved(onto, group) for e in self._entries if e.group == other]
             self._entries = [e for e in self._entries if e.group != other]
             self._placed = [
-                _Placed(group, each.stated, onto.apply(each.found))
-                if each.group == other
-                else each
-                for each in self._placed
+                (group, stated, onto.apply(found)) if member == other else (member, stated, found)
+                for member, stated, found in self._placed
             ]
             pairs = paired(moved, self._entries, group)
             for index, each in enumerate(moved):
                 if index in pairs:
-                    known = self._entries[pairs[index]]
-                    self._entries[pairs[index]] = known.with_sightings(each.sightings)
+                    self._see_again(pairs[index], each.sightings)
                 else:
                     self._entries.append(each)
         return group
@@ -269,11 +230,6 @@ def known_covariance(covariance: NDArray[np.float64] | None) -> NDArray[np.float
         return np.diag([UNKNOWN_POSITION**2] * 3 + [UNKNOWN_ANGLE**2] * 3)
     # No pose is better than 1 mm, 0.5 mrad.
     return np.reshape(covariance, (6, 6)) + np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
-
-
-def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shift of the pivot, and turn about it, of a move: shape (6,)."""
-    return np.concatenate([move.apply(pivot) - pivot, move.rotation.as_rotvec()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,10 +335,10 @@ def _misfits(
     ours, theirs = (np.stack([e.position_covariance for e in each]) for each in (seen, entries))
     spread = ours[i] + theirs[j] + np.square(own[i, j] / GATE)[:, None, None] * np.eye(3)
     misfits[i, j] = sigmas_apart(apart[i, j], spread) / GATE
-    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (dents, known)]
-    steps = [np.array([d.kind == 'step' for d in each]) for each in (dents, known)]
-    misfits[signs[0][:, None] * signs[1] < 0] = np.inf
-    misfits[steps[0][:, None] != steps[1]] = np.inf
+    # Neither inward and outward, nor a step and what is none.
+    depths, others = (np.array([d.depth.value for d in each]) for each in (dents, known))
+    steps, others_are = (np.array([d.kind == 'step' for d in each]) for each in (dents, known))
+    misfits[(depths[:, None] * others < 0) | (steps[:, None] != others_are)] = np.inf
     return misfits
 
 

@@ -159,10 +159,8 @@ def combined(estimates: Sequence[Estimate]) -> Estimate:
     if not known.any():
         return Estimate(float('nan'), float('nan'))
     values, sigma = values[known], sigma[known]
-    if not (np.isfinite(sigma) & (sigma > 0)).all():
-        spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else float('nan')
-        return Estimate(float(values.mean()), float(spread))
-    weights = sigma**-2.0
+    # What states no uncertainty weighs as much as others that state none.
+    weights = np.maximum(sigma, 1e-15) ** -2.0
     mean = float(np.average(values, weights=weights))
     stated, scatter = 1 / weights.mean(), 0.0
     if len(values) > 1:
