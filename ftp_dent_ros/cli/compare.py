@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import RULES, output_argument
@@ -11,12 +10,12 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, write_all_atomically
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
 from ftp_dent_ros.survey.comparison import (
-    STATUSES,
     ChartRow,
     chart,
     chart_csv,
     compare,
     comparison_page,
+    headline,
 )
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.survey.store import SurveyStore
@@ -69,8 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def summary(rows: list[ChartRow]) -> str:
     """How many of each status, and a line for each that is not as before."""
-    counts = Counter(row.compared.status for row in rows)
-    lines = [', '.join(f'{counts[each]} {each}' for each in STATUSES if counts[each])]
+    lines = [headline(rows)]
     for row in rows:
         if row.compared.status == 'known':
             continue

@@ -70,14 +70,12 @@ class AircraftFrame:
         Of the pose: shift of the middle, and turn about it, in the aircraft's frame.
     residuals : ndarray, shape (n, 3)
         Of the points, on the aircraft, metres.
-    points : tuple of ReferencePoint
     """
 
     pose: Pose
     middle: Array
     covariance: Array
     residuals: Array
-    points: tuple[ReferencePoint, ...]
 
     def place(self, position: Array, covariance: Array | None = None) -> tuple[Array, Array]:
         """A place of the map on the aircraft, and its covariance.
@@ -165,7 +163,7 @@ def _fitted(points: Sequence[ReferencePoint]) -> tuple[AircraftFrame, float]:
     information = np.einsum('n,nij,nik->jk', weights, jacobians, jacobians)
     values, vectors = np.linalg.eigh(information)
     covariance = (vectors / np.maximum(values, 1e-9)) @ vectors.T
-    return AircraftFrame(pose, middle, covariance, off, tuple(points)), misfit
+    return AircraftFrame(pose, middle, covariance, off), misfit
 
 
 def read_reference_points(

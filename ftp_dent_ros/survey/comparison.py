@@ -265,32 +265,26 @@ def chart(
     there = [each for each in comparison.dents if each.later is not None]
     judged = rules.judge([each.shown.dent for each in there]) if rules else []
     findings = {id(each): found for each, found in zip(there, judged, strict=False)}
-    return [_row(each, comparison, frame, findings.get(id(each), ())) for each in comparison.dents]
-
-
-def _row(
-    each: ComparedDent,
-    comparison: Comparison,
-    frame: AircraftFrame | None,
-    findings: tuple[Judgement, ...],
-) -> ChartRow:
-    shown = each.shown
-    place, among = shown.dent.position, CENTRE
-    if each.later is None:
-        places, spread = comparison.matching.in_later(place[None])
-        place, among = places[0], math.hypot(CENTRE, float(spread[0]))
-    covariance = shown.position_covariance
-    if frame is not None:
-        place, covariance = frame.place(place, np.eye(3) * among**2)
-    first = comparison.later if each.earlier is None else comparison.earlier
-    return ChartRow(
-        each,
-        str(shown.number) if each.later is not None else f'({shown.number})',
-        place,
-        math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])),
-        date_of(first.taken_ns),
-        findings,
-    )
+    rows = []
+    for each in comparison.dents:
+        shown, is_there = each.shown, each.later is not None
+        place, among, covariance = shown.dent.position, CENTRE, shown.position_covariance
+        if not is_there:
+            places, spread = comparison.matching.in_later(place[None])
+            place, among = places[0], math.hypot(CENTRE, float(spread[0]))
+        if frame is not None:
+            place, covariance = frame.place(place, np.eye(3) * among**2)
+        first = comparison.later if each.earlier is None else comparison.earlier
+        row = ChartRow(
+            each,
+            str(shown.number) if is_there else f'({shown.number})',
+            place,
+            math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])),
+            date_of(first.taken_ns),
+            findings.get(id(each), ()),
+        )
+        rows.append(row)
+    return rows
 
 
 def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
@@ -336,7 +330,6 @@ def comparison_page(
     rules: Rules | None = None,
 ) -> str:
     """The whole page as HTML."""
-    counts: Counter[Status] = Counter(row.compared.status for row in rows)
     groups = [
         {'status': status, 'meaning': meaning, 'rows': found}
         for status, meaning in STATUSES.items()
@@ -347,7 +340,7 @@ def comparison_page(
         'comparison.html',
         earlier=comparison.earlier,
         later=comparison.later,
-        headline=_headline(counts),
+        headline=headline(rows) or 'No dents',
         facts=_facts(comparison, frame),
         groups=groups,
         map=_map(rows),
@@ -356,9 +349,10 @@ def comparison_page(
     )
 
 
-def _headline(counts: Mapping[Status, int]) -> str:
-    words = [f'{counts[each]} {each}' for each in STATUSES if counts[each]]
-    return ', '.join(words) or 'No dents'
+def headline(rows: list[ChartRow]) -> str:
+    """How many of each status."""
+    counts = Counter(row.compared.status for row in rows)
+    return ', '.join(f'{counts[each]} {each}' for each in STATUSES if counts[each])
 
 
 def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[str, str]]:
@@ -369,8 +363,10 @@ def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[st
         for quantity, each in comparison.scales.items()
     )
     facts = [
-        ('Earlier survey', _survey(comparison.earlier)),
-        ('Later survey', _survey(comparison.later)),
+        *(
+            (f'{word} survey', f'{each.name}, {date_of(each.taken_ns)}, {each.count} dents')
+            for word, each in (('Earlier', comparison.earlier), ('Later', comparison.later))
+        ),
         ('In both', f'{len(matching.pairs)} dents, by which the surveys lie on each other'),
         ('Maps apart', f'{walk:.2g} mm over a metre, root mean square along an axis'),
         ('Later sees larger', f'{scales}; taken out of every growth'),
@@ -378,14 +374,9 @@ def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[st
     if frame is not None:
         worst = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
         facts.append(
-            ('Aircraft frame', f'by {len(frame.points)} points, within {worst:.1f} mm of it')
+            ('Aircraft frame', f'by {len(frame.residuals)} points, within {worst:.1f} mm of it')
         )
     return [*facts, ('Software', f'ftp_dent_ros {__version__}')]
-
-
-def _survey(survey: SurveyResult) -> str:
-    dents = sum(each.dent.kind == 'dent' for each in survey.dents)
-    return f'{survey.name}, {date_of(survey.taken_ns)}, {dents} dents'
 
 
 def _cells(row: ChartRow) -> dict[str, Any]:

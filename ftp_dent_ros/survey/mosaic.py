@@ -120,8 +120,8 @@ class Mosaic(Raster):
         """Mask of the cells of which half or more was measured."""
         return _by_cell(self.views > 0).mean(axis=-1) >= 0.5
 
-    def gaps(self) -> list[Gap]:
-        """What was not measured between what was, the largest first."""
+    def gaps(self) -> tuple[list[Gap], NDArray[np.bool_]]:
+        """What was not measured between what was, as of `find_gaps`."""
         return find_gaps(self.measured(), self.low)
 
 

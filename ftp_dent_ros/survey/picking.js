@@ -32,11 +32,8 @@ function heightAt(x, y) {
 function pointAt(x, y) {
   const up = heightAt(x, y);
   if (Number.isNaN(up)) return null;
-  let [along, out] = [y, up];
-  if (places.radius !== null) {
-    const from = places.radius + up, angle = y / places.radius;
-    along = from * Math.sin(angle); out = from * Math.cos(angle) - places.radius;
-  }
+  const from = places.radius + up, angle = y / places.radius;
+  const along = from * Math.sin(angle), out = from * Math.cos(angle) - places.radius;
   return [0, 1, 2].map((i) => places.origin[i] + x * places.axis[i] + along * places.around[i] + out * places.normal[i]);
 }
 

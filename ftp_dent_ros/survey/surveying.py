@@ -99,7 +99,9 @@ def survey_bags(
         SurveyedDent(
             each.number,
             replace(each.dent, reason=each.reason),
-            joined.position_covariance(each.dent.position, each.best),
+            position_covariance(
+                each.dent.position, joined.poses[each.best], joined.covariances[each.best]
+            ),
             len(each.sightings),
             skin.relief(each.dent),
         )
@@ -158,10 +160,6 @@ class JoinedClouds:
         """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
         return self.joining.graph.covariances()
 
-    def position_covariance(self, position: NDArray, number: int) -> NDArray[np.float64]:
-        """Of a place in the map that a cloud shows, shape (3, 3), square metres."""
-        return position_covariance(position, self.poses[number], self.covariances[number])
-
 
 def join_bags(
     bags: Sequence[Bag],
@@ -183,19 +181,16 @@ def join_bags(
         No cloud can be used, or nothing tells where a bag's skin lies.
     """
     remarks: list[str] = []
-    say = remarks.append
-    joining = Joining(say)
-    frame_id, known = '', set[int]()
-    without_covariance = 0
+    joining = Joining(remarks.append)
+    frame_id, without_covariance = '', 0
     for flight, bag in enumerate(bags):
-        for item in bag_clouds(bag, lambda skipped: say(str(skipped)), False):
+        for item in bag_clouds(bag, lambda skipped: remarks.append(str(skipped)), False):
             if not item.in_camera:
                 raise BagError(
                     f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'
                 )
-            if item.stamp_ns in known:
+            if item.stamp_ns in joining.stamps_ns:
                 continue
-            known.add(item.stamp_ns)
             covariance = item.covariance
             if item.pose is not None:
                 if frame_id not in ('', item.frame_id):
@@ -209,7 +204,7 @@ def join_bags(
             try:
                 joining.add(item.stamp_ns, item.cloud, item.skin, item.pose, covariance, flight)
             except CloudError as reason:
-                say(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
+                remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
             progress()
     if not joining.stamps_ns:
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
@@ -218,15 +213,17 @@ def join_bags(
     clouds = len(joining.stamps_ns)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     if unplaced:
-        say(
+        remarks.append(
             f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
             'the others alone' + ('' if frame_id else ', in a frame of their own')
         )
     if without_covariance:
-        say(f'{without_covariance} poses do not state how good they are: 30 mm is taken')
+        remarks.append(
+            f'{without_covariance} poses do not state how good they are: 30 mm is taken'
+        )
     if joining.without_skin:
         known_by = 'the autopilot' if frame_id else 'their shape'
-        say(
+        remarks.append(
             f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
             f'only {known_by} tells where they lie; record /skin too'
         )
@@ -391,23 +388,20 @@ def report_on_skin(
     for item, outcome in skin.inspected(inspect, settings or SmallestDent()):
         inspector.take(seen_cloud(item, covered), outcome)
     report = inspector.report(str(bag.path), joined.frame_id, rig, camera, rules)
-    numbers = {each.number: joined.numbers[each.stamp_ns or 0] for each in report.frames}
     # With what all places have in common: the error of the autopilot's poses.
     frames = tuple(
-        replace(each, covariance=joined.covariances[numbers[each.number]])
+        replace(each, covariance=joined.covariances[joined.numbers[each.stamp_ns or 0]])
         for each in report.frames
     )
-    entries = tuple(
-        replace(
-            each,
-            position_covariance=joined.position_covariance(each.dent.position, numbers[each.best]),
-        )
-        for each in report.entries
-    )
+    entries = []
+    for each in report.entries:
+        best = frames[each.best - 1]
+        covariance = position_covariance(each.dent.position, best.pose, best.covariance)
+        entries.append(replace(each, position_covariance=covariance))
     dents = [
         SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
         for each in entries
     ]
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
     shown = skin_of(skin.mosaic, dents, facts, joined.remarks)
-    return replace(report, frames=frames, entries=entries, skin=shown), joined
+    return replace(report, frames=frames, entries=tuple(entries), skin=shown), joined

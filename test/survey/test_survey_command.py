@@ -176,14 +176,14 @@ def test_a_gap_between_passes_is_found_and_no_cell_too_many(skin):
     poses = [Pose(down, np.array([0.0, y, 0.8])) for y in (-0.12, 0.12)]
     flat = FlownSkin(3)
     mosaic = Mosaic(
-        Unrolled(np.zeros(3), *np.eye(3)[[0, 1, 2]], float('inf')),
+        Unrolled(np.zeros(3), *np.eye(3)[[0, 1, 2]], 1e6),
         np.array([-0.3, -0.4]),
         np.array([0.3, 0.4]),
     )
     for number, pose in enumerate(poses):
         cloud, image = flat.seen(pose, number)
         mosaic.add(cloud, pose, image, None)
-    (gap,) = mosaic.gaps()
+    (gap,), _ = mosaic.gaps()
     assert gap.size[1] == pytest.approx(0.02, abs=0.0101)
     assert abs(gap.place[1]) < 0.01
     area = mosaic.measured().sum() * 1e-4
