@@ -262,9 +262,9 @@ class SeenDents:
         """Of its dents, shape (n, 3)."""
         return np.array([dent.position for dent in self.dents]).reshape(-1, 3)
 
-    def placed(self, pose: Pose) -> SeenDents:
-        """The same where another pose puts it."""
-        if self.pose is None or pose is self.pose:
+    def placed(self, pose: Pose | None) -> SeenDents:
+        """The same where another pose puts it, if there is one."""
+        if pose is None or self.pose is None:
             return self
         move = pose @ self.pose.inverse()
         return replace(

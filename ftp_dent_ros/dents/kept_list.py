@@ -165,7 +165,7 @@ class KeptList:
     def _replace(self, poses: Mapping[int, Pose]) -> dict[int, Pose]:
         """Place clouds anew; the poses that are used of those given."""
         clouds = self._list.clouds
-        moved = [each.placed(poses.get(each.stamp_ns, each.pose)) for each in clouds]
+        moved = [each.placed(poses.get(each.stamp_ns)) for each in clouds]
         # No pose is better, metres: its cloud stays where it is.
         off = [
             bool((np.linalg.norm(new.places - old.places, axis=1) > 1e-3).any())

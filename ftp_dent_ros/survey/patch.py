@@ -7,8 +7,9 @@ points are looked up. The plane's z axis points at the camera.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import cv2
@@ -174,10 +175,6 @@ class SkinPatch:
         y = self.corner[1] + self.pitch * row
         return np.stack([x, y, self.surface[row, column, 0]], axis=-1).astype(float)
 
-    def unfolded(self) -> SkinPatch:
-        """Itself: as of `FoldedPatch`."""
-        return self
-
     def looked_up(self, layer: Grid, points: NDArray[np.float64]) -> Grid:
         """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid.
 
@@ -300,30 +297,24 @@ def _mean(field: Any, sigma: float) -> Grid:
     return field
 
 
-@dataclass(frozen=True, eq=False)
-class FoldedPatch:
-    """A patch in a tenth of its memory: grids as pictures in small steps."""
+def folded(patch: SkinPatch) -> Callable[[], SkinPatch]:
+    """What makes a patch again, in a tenth of its memory: grids as pictures in small steps."""
+    # Least steps: of heights, metres, a quarter of what no pair is better than; of their
+    # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
+    steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
+    grids = [None if grid is None else _folded(grid, least) for grid, least in steps]
+    return partial(_made, patch.frame, patch.pitch, patch.corner, grids)
 
-    frame: Pose
-    pitch: float
-    corner: NDArray[np.float64]
-    grids: tuple[tuple[NDArray[np.uint8], float, float] | None, ...]
 
-    @classmethod
-    def of(cls, patch: SkinPatch) -> FoldedPatch:
-        """Fold a patch."""
-        # Least steps: of heights, metres, a quarter of what no pair is better than; of their
-        # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
-        steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
-        grids = tuple(None if grid is None else _folded(grid, least) for grid, least in steps)
-        return cls(patch.frame, patch.pitch, patch.corner, grids)
+@lru_cache(maxsize=8)
+def unfolded(make: Callable[[], SkinPatch]) -> SkinPatch:
+    """A patch that was `folded`; the last ones are kept, with their layers."""
+    return make()
 
-    @lru_cache(maxsize=8)  # noqa: B019 - the last that were used, with their layers, on purpose
-    def unfolded(self) -> SkinPatch:
-        """The patch; the last ones are kept."""
-        height, sigma, light = (None if each is None else _unfolded(*each) for each in self.grids)
-        assert height is not None and sigma is not None
-        return SkinPatch(self.frame, self.pitch, self.corner, height, sigma, light)
+
+def _made(frame: Pose, pitch: float, corner: NDArray[np.float64], grids: list[Any]) -> SkinPatch:
+    layers: list[Any] = [None if each is None else _unfolded(*each) for each in grids]
+    return SkinPatch(frame, pitch, corner, *layers)
 
 
 def _folded(grid: Grid, least: float) -> tuple[NDArray[np.uint8], float, float]:
