@@ -25,6 +25,9 @@ COVERAGE = 1.96
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
+Profile = NDArray[np.float64]
+# Their shapes in a file.
+_SHAPES = {'Vector': (3,), 'Points': (-1, 3), 'Profile': (-1, 2)}
 
 
 @dataclass(frozen=True)
@@ -134,8 +137,8 @@ class MeasuredDent:
     significance: float
     is_cut: bool
     outline: Points
-    length_profile: Points
-    width_profile: Points
+    length_profile: Profile
+    width_profile: Profile
     reason: str = ''
     clearance: float = float('inf')
 
@@ -310,10 +313,8 @@ def dent_from_plain(record: dict[str, Any]) -> MeasuredDent:
         value = values[field.name]
         if field.type == 'Estimate':
             values[field.name] = Estimate(*value)
-        elif field.type in ('Vector', 'Points'):
-            shape = (-1, 2) if field.name.endswith('profile') else (-1, 3)
-            array = np.array(value, float)
-            values[field.name] = array if field.type == 'Vector' else array.reshape(shape)
+        elif field.type in _SHAPES:
+            values[field.name] = np.array(value, float).reshape(_SHAPES[field.type])
     return MeasuredDent(**values)
 
 

@@ -43,10 +43,10 @@ class KeptList:
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None) -> None:
-        self._journal = Journal(path) if path else None
+        self._path = Path(path) if path else None
         self._forget()
         poses: dict[int, Pose] = {}
-        for number, line in enumerate(self._journal.lines if self._journal else (), start=1):
+        for number, line in enumerate(_lines(self._path) if self._path else (), start=1):
             try:
                 record = json.loads(line)
                 if 'corrected' in record:
@@ -97,16 +97,10 @@ class KeptList:
             It cannot be kept on disk; it is in the list all the same.
         """
         self._take(frame_id, stamp_ns, dents, pose, covariance)
-        if self._journal:
-            self._journal.append(
-                {
-                    'frame_id': frame_id,
-                    'stamp_ns': stamp_ns,
-                    **_plain(pose),
-                    'covariance': np.ravel(covariance).tolist(),
-                    'dents': [dent_to_plain(dent) for dent in dents],
-                }
-            )
+        if self._path:
+            record = {'frame_id': frame_id, 'stamp_ns': stamp_ns, **_plain(pose)}
+            record['covariance'] = np.ravel(covariance).tolist()
+            _append(self._path, record | {'dents': [dent_to_plain(dent) for dent in dents]})
 
     def correct(self, frame_id: str, poses: Mapping[int, Pose]) -> bool:
         """Put clouds where their cameras are found to have been; whether that changes anything.
@@ -131,16 +125,16 @@ class KeptList:
         if self.frame_id and frame_id != self.frame_id:
             raise _other_frame('the path is', frame_id, self.frame_id)
         corrected = self._replace(poses)
-        if corrected and self._journal:
+        if corrected and self._path:
             entries = [{'stamp_ns': stamp, **_plain(pose)} for stamp, pose in corrected.items()]
-            self._journal.append({'corrected': entries})
+            _append(self._path, {'corrected': entries})
         return bool(corrected)
 
     def clear(self) -> None:
         """Forget all, on disk too; raises OSError if that cannot be."""
         self._forget()
-        if self._journal:
-            self._journal.clear()
+        if self._path:
+            os.truncate(self._path, 0)
 
     @property
     def entries(self) -> tuple[ListedDent, ...]:
@@ -226,52 +220,28 @@ def _other_frame(what: str, frame_id: str, own: str) -> PoseError:
     )
 
 
-class Journal:
-    """Records in a file, a line each.
+def _lines(path: Path) -> list[bytes]:
+    """Records of a file, which is made if it is not there; one that a crash cut short is gone."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+        *lines, last = path.read_bytes().split(b'\n')
+    except OSError as reason:
+        raise ConfigurationError(
+            f'{path}: the list cannot be kept there ({reason.strerror}): name another file'
+        ) from None
+    if last:
+        # The next entry must not be joined to it.
+        os.truncate(path, sum(len(line) + 1 for line in lines))
+    return lines
 
-    One is on disk before `append` returns. One that a crash has cut short is left out.
 
-    Parameters
-    ----------
-    path : path-like
-        Made if it is not there.
-
-    Attributes
-    ----------
-    lines : list of bytes
-        What the file held when it was opened.
-
-    Raises
-    ------
-    ConfigurationError
-        The file cannot be read or written.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.touch()
-            *self.lines, last = self.path.read_bytes().split(b'\n')
-        except OSError as reason:
-            raise ConfigurationError(
-                f'{self.path}: the list cannot be kept there ({reason.strerror}): '
-                'name another file'
-            ) from None
-        if last:
-            # Cut short: the next entry must not be joined to it.
-            os.truncate(self.path, sum(len(line) + 1 for line in self.lines))
-
-    def append(self, record: dict[str, Any]) -> None:
-        """Write what is new; raises OSError if it cannot be."""
-        with self.path.open('ab') as file:
-            file.write(json.dumps(record).encode() + b'\n')
-            file.flush()
-            os.fsync(file.fileno())
-
-    def clear(self) -> None:
-        """Forget all; raises OSError if it cannot be."""
-        os.truncate(self.path, 0)
+def _append(path: Path, record: dict[str, Any]) -> None:
+    """Write a line, which is on disk then; raises OSError if it cannot be."""
+    with path.open('ab') as file:
+        file.write(json.dumps(record).encode() + b'\n')
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _plain(pose: Pose) -> dict[str, Any]:

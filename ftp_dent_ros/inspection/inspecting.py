@@ -22,10 +22,10 @@ from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
 from ftp_dent_ros.inspection.report import (
     DrawnCloud,
     InspectionReport,
-    Mesh,
     ReportedCloud,
     away_from_camera,
     findable_shares,
+    mesh_of,
 )
 from ftp_dent_ros.pages.drawing import jpeg
 from ftp_dent_ros.pose import IDENTITY, Pose
@@ -218,7 +218,7 @@ def _frame(number: int, observation: SeenCloud, found: Inspection, vertices: int
         dents=len(found.dents),
         others=len(found.others),
         has_skin=bool(cloud.skin.any()),
-        mesh=Mesh.of(cloud.points, found.deviation, observation.pose, vertices),
+        mesh=mesh_of(cloud.points, found.deviation, observation.pose, vertices),
         pose=observation.vehicle,
         covariance=None if covariance is None or not covariance.any() else covariance,
         coverage=observation.coverage,

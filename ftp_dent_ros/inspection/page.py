@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import os
@@ -22,7 +23,12 @@ from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.files import write_all_atomically
 from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
 from ftp_dent_ros.inspection.records import csv_text, report_record
-from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, ReportedCloud
+from ftp_dent_ros.inspection.report import (
+    DrawnCloud,
+    InspectionReport,
+    ReportedCloud,
+    away_from_camera,
+)
 from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import deviation_of, interval, iso_time, position_interval
@@ -67,7 +73,7 @@ def page(report: InspectionReport) -> str:
         others=[_dent(entry, (), limit) for entry in report.others],
         frames=[pictures_of(frame, report, limit) for frame in report.frames if frame.view],
         seen=[_seen(frame) for frame in report.frames],
-        repeatability=[_repeatability(each) for each in report.repeatability],
+        repeatability=report.repeatability,
         several=len(report.frames) > 1,
         rules=report.rules,
         scale=drawing.depth_scale(limit),
@@ -144,12 +150,6 @@ def _finding(finding: Judgement) -> dict[str, str]:
         'verdict': finding.verdict,
         'reference': finding.limit.reference,
     }
-
-
-def _repeatability(each: Any) -> list[str]:
-    spreads = (each.within, each.between, each.total)
-    figures = ['–' if math.isnan(value) else f'{value * 1e3:.3f}' for value in spreads]
-    return [each.quantity, str(each.dents), str(each.frames), *figures]
 
 
 def _seen(frame: ReportedCloud) -> list[str]:
@@ -335,19 +335,25 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
         # Each is where its camera was: one is shown.
         frames = tuple(frame for frame in frames if frame.view)[:1]
     shown = {frame.number for frame in frames}
-    found = [frame.mesh.points[np.isfinite(frame.mesh.points).all(-1)] for frame in frames]
-    every = np.concatenate([np.zeros((0, 3), np.float32), *found]).astype(float)
-    if not len(every):
+    grids = [frame.mesh for frame in frames if np.isfinite(frame.mesh).any()]
+    if not grids:
         return {'meshes': []}
+    every = np.concatenate([grid[np.isfinite(grid[..., 0]), :3] for grid in grids]).astype(float)
     origin = (every.min(axis=0) + every.max(axis=0)) / 2
-    inward = _mean([frame.mesh.inward for frame in frames])
-    down = _mean([np.diff(frame.mesh.points, axis=0) for frame in frames])
-    meshes = [frame.mesh.packed(origin) for frame in frames]
+    inward = [away_from_camera(grid[..., :3]) for grid in grids]
     return {
-        'meshes': [mesh for mesh in meshes if mesh],
+        'meshes': [
+            {
+                'rows': len(grid),
+                'columns': grid.shape[1],
+                'vertices': _coded(grid - np.append(origin, 0)),
+                'inward': _mean([away]),
+            }
+            for grid, away in zip(grids, inward, strict=True)
+        ],
         'radius': float(np.linalg.norm(every - origin, axis=1).max()),
-        'inward': inward,
-        'down': down,
+        'inward': _mean(inward),
+        'down': _mean([np.diff(grid[..., :3], axis=0) for grid in grids]),
         'limit': limit,
         'colours': drawing.colours().ravel().tolist(),
         'dents': [
@@ -364,11 +370,15 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
     }
 
 
+def _coded(values: NDArray) -> str:
+    return base64.b64encode(values.astype('<f4').tobytes()).decode('ascii')
+
+
 def _mean(fields: Sequence[NDArray]) -> list[float]:
-    vectors = [field[np.isfinite(field).all(-1)] for field in fields if field.size]
-    total = np.concatenate([np.zeros((0, 3)), *vectors]).sum(axis=0)
+    """Direction of the mean of vectors; the view's own where there are none."""
+    total = np.sum([np.nansum(field, axis=(0, 1)) for field in fields], axis=0)
     length = float(np.linalg.norm(total))
-    return [float(value) for value in total / length] if length else [0.0, 0.0, 1.0]
+    return (total / length).tolist() if length else [0.0, 0.0, 1.0]
 
 
 @dataclass(frozen=True)

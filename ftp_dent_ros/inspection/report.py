@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 import time
 from dataclasses import dataclass, field
@@ -18,9 +17,6 @@ from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.inspection.repeatability import Repeatability
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
-
-# What stands for no measurement among 16 bits of micrometres.
-_MISSING = -32768
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +68,8 @@ class ReportedCloud:
         How many it shows.
     has_skin : bool
         Whether the image of its skin was there, whose narrow marks tell gouges.
-    mesh : Mesh
+    mesh : ndarray, shape (rows, columns, 4), float32
+        As of `mesh_of`, in the report's frame.
     pose : Pose, optional
         Of the camera in the report's frame, or of the vehicle where that alone is known.
     covariance : ndarray, shape (6, 6), optional
@@ -93,7 +90,7 @@ class ReportedCloud:
     dents: int
     others: int
     has_skin: bool
-    mesh: Mesh
+    mesh: NDArray[np.float32]
     pose: Pose | None = None
     covariance: NDArray[np.float64] | None = None
     coverage: Coverage | None = None
@@ -177,70 +174,19 @@ class InspectionReport:
         return [found[e.number] for e in self.dents]
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Every n-th point of a cloud, on its grid.
+def mesh_of(
+    points: NDArray[np.float32], deviation: NDArray[np.float32], pose: Pose, vertices: int
+) -> NDArray[np.float32]:
+    """Every n-th point of a cloud on its grid, so that there are about so many vertices at most.
 
-    Attributes
-    ----------
-    points : ndarray, shape (rows, columns, 3), float32
-        In the report's frame, metres; NaN where nothing is measured.
-    inward : ndarray, shape (rows, columns, 3), float32
-        Unit vectors into the skin.
-    deviation : ndarray, shape (rows, columns), float32
-        Depth below the undeformed contour, metres.
+    Shape (rows, columns, 4): places in the parent frame of `pose`, and depths below the
+    undeformed contour, metres; NaN where nothing is measured.
     """
-
-    points: NDArray[np.float32]
-    inward: NDArray[np.float32]
-    deviation: NDArray[np.float32]
-
-    @classmethod
-    def of(
-        cls,
-        points: NDArray[np.float32],
-        deviation: NDArray[np.float32],
-        pose: Pose,
-        vertices: int,
-    ) -> Mesh:
-        """Mesh of at most about so many vertices, moved to the parent frame of `pose`."""
-        step = max(1, math.ceil(math.sqrt(deviation.size / vertices)))
-        half = step // 2
-        points = pose.apply(points[half::step, half::step])
-        with np.errstate(invalid='ignore'):
-            inward = away_from_camera(points)
-            inward = inward / np.linalg.norm(inward, axis=-1, keepdims=True)
-        return cls(points, inward.astype(np.float32), deviation[half::step, half::step])
-
-    def packed(self, origin: NDArray[np.float64]) -> dict[str, Any] | None:
-        """Mesh about an origin for the page's script, or None if there is nothing in it.
-
-        Little-endian 16-bit positions (with a scale and a middle), deviations in micrometres
-        (-32768: nothing there), and 8-bit directions, each as base64.
-        """
-        valid = np.isfinite(self.points).all(-1) & np.isfinite(self.inward).all(-1)
-        valid &= np.isfinite(self.deviation)
-        if not valid.any():
-            return None
-        found = self.points[valid] - origin
-        middle = (found.min(axis=0) + found.max(axis=0)) / 2
-        scale = max(float(np.abs(found - middle).max()), 1e-9) / 32000
-        points = np.zeros((*valid.shape, 3), '<i2')
-        points[valid] = np.round((found - middle) / scale)
-        deviation = np.full(valid.shape, _MISSING, '<i2')
-        limited = np.clip(self.deviation[valid] * 1e6, -32000, 32000)
-        deviation[valid] = np.round(limited)
-        inward = np.zeros((*valid.shape, 4), 'i1')
-        inward[valid, :3] = np.round(self.inward[valid] * 127)
-        return {
-            'rows': valid.shape[0],
-            'columns': valid.shape[1],
-            'middle': [float(value) for value in middle],
-            'scale': scale,
-            'points': _text(points),
-            'deviation': _text(deviation),
-            'inward': _text(inward),
-        }
+    step = max(1, math.ceil(math.sqrt(deviation.size / vertices)))
+    some = (slice(step // 2, None, step),) * 2
+    mesh = np.dstack([pose.apply(points[some]), deviation[some]]).astype(np.float32)
+    mesh[~np.isfinite(mesh).all(axis=-1)] = np.nan
+    return mesh
 
 
 def away_from_camera(points: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -260,7 +206,3 @@ def findable_shares(findable: NDArray[np.float32]) -> tuple[float, float]:
     if not len(known):
         return math.nan, math.nan
     return float(np.median(known)), float(np.percentile(known, 95))
-
-
-def _text(values: NDArray) -> str:
-    return base64.b64encode(values.tobytes()).decode('ascii')
