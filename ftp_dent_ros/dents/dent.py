@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -326,7 +325,7 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
     reach = np.array(
         [
-            math.sqrt(np.square(outline - centre).sum(axis=1).max())
+            np.linalg.norm(outline - centre, axis=1).max()
             for outline, centre in zip(outlines, centres, strict=True)
         ]
     )
@@ -336,16 +335,12 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     bounds[:, ~limits] = math.inf
     np.fill_diagonal(bounds, math.inf)
 
-    @cache
-    def apart(one: int, other: int) -> float:
-        return math.sqrt(cdist(outlines[one], outlines[other], 'sqeuclidean').min())
-
     result = []
-    for index, (dent, bound) in enumerate(zip(dents, bounds, strict=True)):
+    for dent, outline, bound in zip(dents, outlines, bounds, strict=True):
         nearest = math.inf
         for other in np.argsort(bound):
             if bound[other] >= nearest:
                 break
-            nearest = min(nearest, apart(*sorted((index, int(other)))))
-        result.append(replace(dent, clearance=nearest))
+            nearest = min(nearest, cdist(outline, outlines[other]).min())
+        result.append(replace(dent, clearance=float(nearest)))
     return tuple(result)

@@ -154,7 +154,8 @@ class DentList:
         matches = groups_shown(dents, known, pivot, doubt, expected)
         move = matches[0][1] if matches else IDENTITY if expected is None else expected
         self._error = np.concatenate([move.apply(pivot) - pivot, move.rotation.as_rotvec()])
-        seen = [
+        group = self._joined(matches)
+        sightings = [
             Sighting(
                 frame,
                 dent if move is IDENTITY else dent.transformed(move),
@@ -163,26 +164,25 @@ class DentList:
             )
             for dent, again in zip(dents, repeats, strict=True)
         ]
-        group = self._joined(matches)
         if len(dents):
             stated = np.mean([dent.position for dent in dents], axis=0)
             self._placed.append((group, stated, move.apply(stated)))
+        seen = [listed(0, (each,), group) for each in sightings]
+        self._merge(seen, group, [(frame, index) for index in kept])
+
+    def _merge(
+        self, seen: Sequence[ListedDent], group: int, first: Sequence[tuple[int, int]] = ()
+    ) -> None:
+        """Take in what is seen of a group; what begins a dent has its number by the frame's."""
         pairs = paired(seen, self._entries, group)
         for index, each in enumerate(seen):
             if index in pairs:
-                self._see_again(pairs[index], [each])
-            else:
-                number = self._number(frame, kept[index])
-                self._entries.append(listed(number, (each,), group))
-
-    def _see_again(self, index: int, sightings: Sequence[Sighting]) -> None:
-        self._entries[index] = self._entries[index].with_sightings(sightings)
-
-    def _number(self, frame: int, index: int) -> int:
-        """Number of the dent that a frame's dent begins."""
-        number = self._begun.setdefault((frame, index), self._numbers + 1)
-        self._numbers = max(self._numbers, number)
-        return number
+                known = self._entries[pairs[index]]
+                self._entries[pairs[index]] = known.with_sightings(each.sightings)
+                continue
+            number = each.number or self._begun.setdefault(first[index], self._numbers + 1)
+            self._numbers = max(self._numbers, number)
+            self._entries.append(replace(each, number=number))
 
     def _joined(self, matches: list[tuple[int, Pose]]) -> int:
         """The group that a frame belongs to, after it has made one of all those that it shows."""
@@ -199,12 +199,7 @@ class DentList:
                 (group, stated, onto.apply(found)) if member == other else (member, stated, found)
                 for member, stated, found in self._placed
             ]
-            pairs = paired(moved, self._entries, group)
-            for index, each in enumerate(moved):
-                if index in pairs:
-                    self._see_again(pairs[index], each.sightings)
-                else:
-                    self._entries.append(each)
+            self._merge(moved, group)
         return group
 
 
@@ -276,13 +271,13 @@ class SeenDents:
 
 
 def paired(
-    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent], group: int
+    seen: Sequence[ListedDent], entries: Sequence[ListedDent], group: int
 ) -> dict[int, int]:
     """Which entry each dent is that was seen, by their indices: one of the other at most.
 
     Parameters
     ----------
-    seen : sequence of Sighting or ListedDent
+    seen : sequence of ListedDent
         In their places in the group.
     entries : sequence of ListedDent
     group : int
@@ -304,7 +299,7 @@ def paired(
 
 
 def _misfits(
-    seen: Sequence[Sighting | ListedDent],
+    seen: Sequence[ListedDent],
     entries: Sequence[ListedDent],
     group: int,
     free: NDArray[np.float64],
@@ -342,9 +337,7 @@ def _misfits(
     return misfits
 
 
-def _longest(
-    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent]
-) -> NDArray[np.float64]:
+def _longest(seen: Sequence[ListedDent], entries: Sequence[ListedDent]) -> NDArray[np.float64]:
     """The longer of each two lengths, metres; 0 where neither is known."""
     ours, theirs = (np.nan_to_num([e.dent.length.value for e in each]) for each in (seen, entries))
     return np.maximum(ours[:, None], theirs)

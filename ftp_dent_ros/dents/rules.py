@@ -155,8 +155,6 @@ def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) ->
 def _verdict(limit: Limit, value: float, sigma: float) -> str:
     """Within or beyond the limit with the whole 95 % interval, or neither."""
     low, high = value - COVERAGE * sigma, value + COVERAGE * sigma
-    if value == math.inf:
-        low = high = value
     if high < limit.minimum or low > limit.maximum:
         return EXCEEDS
     if low >= limit.minimum and high <= limit.maximum:
