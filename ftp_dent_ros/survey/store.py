@@ -117,9 +117,10 @@ class SurveyStore:
 
     def _prepare(self, file: sqlite3.Connection) -> None:
         """Make the table of a new file; refuse one of others or of another version."""
-        (application,) = file.execute('PRAGMA application_id').fetchone()
-        (version,) = file.execute('PRAGMA user_version').fetchone()
-        (tables,) = file.execute('SELECT count(*) FROM sqlite_master').fetchone()
+        application, version, tables = file.execute(
+            'SELECT application_id, user_version, (SELECT count(*) FROM sqlite_master) '
+            'FROM pragma_application_id, pragma_user_version'
+        ).fetchone()
         if not (application or version or tables):
             file.execute(f'PRAGMA application_id = {_APPLICATION}')
             file.execute(f'PRAGMA user_version = {_VERSION}')
