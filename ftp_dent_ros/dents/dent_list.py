@@ -91,7 +91,6 @@ class DentList:
         dents: Sequence[MeasuredDent],
         pose: Pose | None = None,
         covariance: NDArray[np.float64] | None = None,
-        repeats: Sequence[tuple[MeasuredDent, ...]] = (),
         stamp_ns: int | None = None,
     ) -> bool:
         """Add what one frame shows; False if it was added before.
@@ -108,8 +107,6 @@ class DentList:
             Of the pose, as in geometry_msgs/PoseWithCovariance (x, y, z, and rotations about
             the fixed axes); none or all zeros is unknown, and then `UNKNOWN_POSITION` and
             `UNKNOWN_ANGLE` are taken.
-        repeats : sequence of tuple of MeasuredDent, optional
-            For each dent its measurements on parts of the cloud.
         stamp_ns : int, optional
             Of the exposure: the same one is the same frame, whatever its number. The number by
             default.
@@ -117,7 +114,7 @@ class DentList:
         stamp_ns = frame if stamp_ns is None else stamp_ns
         if any(each.stamp_ns == stamp_ns for each in self.clouds):
             return False
-        cloud = SeenDents(frame, dents, pose, covariance, repeats or [()] * len(dents), stamp_ns)
+        cloud = SeenDents(frame, dents, pose, covariance, stamp_ns)
         # What cannot be added changes nothing.
         after = self.copy()
         after._add(cloud)
@@ -144,7 +141,6 @@ class DentList:
         of_marks = self._glass.of_marks
         kept = [i for i in range(len(cloud.dents)) if (frame, i) not in of_marks]
         dents = [cloud.dents[index] for index in kept]
-        repeats = [cloud.repeats[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
         doubt = known_covariance(covariance)
         expected = expected_move(self._error, pivot)
@@ -160,9 +156,8 @@ class DentList:
                 frame,
                 dent if move is IDENTITY else dent.transformed(move),
                 position_covariance(dent.position, pose, covariance),
-                tuple(again),
             )
-            for dent, again in zip(dents, repeats, strict=True)
+            for dent in dents
         ]
         if len(dents):
             stated = np.mean([dent.position for dent in dents], axis=0)
@@ -239,8 +234,6 @@ class SeenDents:
         Where the pose puts them.
     pose : Pose, optional
     covariance : ndarray, shape (6, 6), optional
-    repeats : sequence of tuple of MeasuredDent
-        For each dent its measurements on parts of the cloud.
     stamp_ns : int
         Of the exposure, or its number.
     """
@@ -249,7 +242,6 @@ class SeenDents:
     dents: Sequence[MeasuredDent]
     pose: Pose | None
     covariance: NDArray[np.float64] | None
-    repeats: Sequence[tuple[MeasuredDent, ...]]
     stamp_ns: int
 
     @property
@@ -266,7 +258,6 @@ class SeenDents:
             self,
             dents=[each.transformed(move) for each in self.dents],
             pose=pose,
-            repeats=[tuple(one.transformed(move) for one in each) for each in self.repeats],
         )
 
 

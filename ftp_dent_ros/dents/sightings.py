@@ -38,14 +38,11 @@ class Sighting:
         In the list's frame of reference.
     position_covariance : ndarray, shape (3, 3)
         Of its position in that frame, square metres: what the pose leaves open.
-    repeats : tuple of MeasuredDent
-        The same dent measured on parts of the same cloud.
     """
 
     frame: int
     dent: MeasuredDent
     position_covariance: NDArray[np.float64]
-    repeats: tuple[MeasuredDent, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

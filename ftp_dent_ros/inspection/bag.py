@@ -73,7 +73,7 @@ def survey_bag(
         No cloud in it could be inspected.
     """
     count, tagged = count_clouds(bag)
-    inspector = CloudInspector(inspect, count, repeat=tagged, placed=tagged, settings=settings)
+    inspector = CloudInspector(inspect, count, placed=tagged, settings=settings)
     covered = coverages_of(bag)
     frame_id, in_camera = '', True
     skipped: list[SkippedMessage] = []
@@ -83,7 +83,7 @@ def survey_bag(
         for item in bag_clouds(bag, skipped.append):
             seen = seen_cloud(item, covered)
             read.append((item, seen))
-            yield inspector.task(seen)
+            yield seen.cloud, seen.viewpoint
 
     for inspected in each(inspector.inspect, tasks()):
         item, seen = read.popleft()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,13 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud, check_resolution
 from ftp_dent_ros.cloud.coverage import Coverage
-from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
+from ftp_dent_ros.dents.dent import Inspection, SmallestDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, FtpDentError
-from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
 from ftp_dent_ros.inspection.report import (
     DrawnCloud,
     InspectionReport,
@@ -33,9 +31,9 @@ from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.robust import median
 
 Inspect = Callable[..., Inspection]
-#: A cloud, from where it was seen in its own frame (metres), and whether its halves are measured
-#: too, for the gauge study: plain data, that another process can be given.
-Task = tuple[Cloud, ArrayLike, bool]
+#: A cloud, and from where it was seen in its own frame (metres): plain data, that another process
+#: can be given.
+Task = tuple[Cloud, ArrayLike]
 
 
 class CloudInspector:
@@ -47,8 +45,6 @@ class CloudInspector:
         `ftp_dent_ros.inspection.measuring.inspection.inspect`.
     clouds : int
         How many clouds are about to come, to share the 3-D view's points between them.
-    repeat : bool
-        Whether some clouds are measured again in two halves, for the gauge study.
     placed : bool
         Whether all clouds' poses are known, so that a dent can be seen again.
     settings : SmallestDent, optional
@@ -58,18 +54,13 @@ class CloudInspector:
         self,
         inspect: Inspect,
         clouds: int = 1,
-        repeat: bool = False,
         placed: bool = True,
         settings: SmallestDent | None = None,
     ) -> None:
         self._settings = settings or SmallestDent()
         #: Inspects a task, in whatever process.
         self.inspect = partial(inspected, inspect, self._settings)
-        self._repeat, self._placed = repeat, placed
-        # Clouds whose halves are measured too, evenly over the flight: with a few dents in each
-        # they give some 25 degrees of freedom, so the gauge study's standard deviations to a
-        # seventh.
-        self._every, self._come = math.ceil(max(clouds, 1) / 10), 0
+        self._placed = placed
         # Of the 3-D view: in one cloud, and in all of them.
         self._vertices = max(400, min(16_000, 120_000 // max(clouds, 1)))
         self._lists: list[DentList] = []
@@ -84,17 +75,11 @@ class CloudInspector:
         Inspection or None
             In the cloud's own frame.
         """
-        return self.take(observation, self.inspect(self.task(observation)))
-
-    def task(self, observation: SeenCloud) -> Task:
-        """What is to be inspected of the next cloud."""
-        in_halves = self._repeat and not self._come % self._every
-        self._come += 1
-        return observation.cloud, observation.viewpoint, in_halves
+        return self.take(observation, self.inspect((observation.cloud, observation.viewpoint)))
 
     def take(self, observation: SeenCloud, inspected: Inspected) -> Inspection | None:
         """Keep what came of a cloud's task; as `add` does. In the order of the tasks."""
-        found, again = inspected.found, inspected.again
+        found = inspected.found
         if found is None:
             self.refused.append(f'{observation.name}: {inspected.reason}')
             return None
@@ -107,7 +92,6 @@ class CloudInspector:
             [dent.transformed(observation.pose) for dent in dents],
             observation.vehicle,
             EXACT if observation.vehicle is None else observation.covariance,
-            repeats_of(dents, again) if again else (),
             observation.stamp_ns,
         )
         if not is_new:
@@ -158,18 +142,16 @@ class CloudInspector:
                 'no poses tell how the clouds lie: each is listed by itself, and what several '
                 'show counts several times; `ftp-dent survey` joins them by the skin they share'
             )
-        entries = self._entries()
         return InspectionReport(
             source=source,
             frame_id=frame_id,
             frames=tuple(self._frames),
-            entries=entries,
+            entries=self._entries(),
             settings=self._settings,
             rig_name=rig[0],
             rig_id=rig[1],
             camera=camera,
             rules=rules,
-            repeatability=study(entries) if several and self._repeat else (),
             refused=tuple(self.refused),
             skipped=skipped,
             placed=self._placed,
@@ -250,26 +232,19 @@ class Inspected:
     ----------
     found : Inspection, optional
         In the cloud's own frame; None if it cannot be inspected.
-    again : tuple of tuples of MeasuredDent
-        Of each of its halves.
     reason : str
         Why it cannot be inspected.
     """
 
     found: Inspection | None = None
-    again: tuple[tuple[MeasuredDent, ...], ...] = ()
     reason: str = ''
 
 
 def inspected(inspect: Inspect, settings: SmallestDent, task: Task) -> Inspected:
-    """Inspect a cloud and, if that is asked for, its halves."""
-    cloud, viewpoint, in_halves = task
+    """Inspect a cloud."""
+    cloud, viewpoint = task
     try:
         found = inspect(check_resolution(cloud), settings=settings, viewpoint=viewpoint)
-        again = []
-        for half in halves(cloud) if in_halves else ():
-            other = inspect(half, settings=settings, viewpoint=viewpoint)
-            again.append((*other.dents, *other.others))
     except FtpDentError as error:
         return Inspected(reason=str(error))
     except Exception as error:
@@ -278,7 +253,7 @@ def inspected(inspect: Inspect, settings: SmallestDent, task: Task) -> Inspected
             reason='could not be inspected, by a defect of the software '
             f'({type(error).__name__}: {error}): report it with the cloud'
         )
-    return Inspected(found, tuple(again))
+    return Inspected(found)
 
 
 @dataclass(frozen=True, eq=False)

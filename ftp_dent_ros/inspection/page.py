@@ -73,7 +73,6 @@ def page(report: InspectionReport) -> str:
         others=[_dent(entry, (), limit) for entry in report.others],
         frames=[pictures_of(frame, report, limit) for frame in report.frames if frame.view],
         seen=[_seen(frame) for frame in report.frames],
-        repeatability=report.repeatability,
         several=len(report.frames) > 1,
         rules=report.rules,
         scale=drawing.depth_scale(limit),

@@ -14,7 +14,6 @@ from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.dents.dent import SmallestDent, Waviness
 from ftp_dent_ros.dents.rules import Judgement, Rules
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.inspection.repeatability import Repeatability
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
 
@@ -119,8 +118,6 @@ class InspectionReport:
     camera : Lens, optional
         Of that rig, to draw dents into photographs of clouds in the camera's frame.
     rules : Rules, optional
-    repeatability : tuple of Repeatability
-        Empty for a single frame.
     refused : tuple of str
         Frames that could not be inspected, and why.
     skipped : tuple of str
@@ -142,7 +139,6 @@ class InspectionReport:
     rig_id: str = ''
     camera: Lens | None = None
     rules: Rules | None = None
-    repeatability: tuple[Repeatability, ...] = ()
     refused: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     placed: bool = True

@@ -212,21 +212,21 @@ def join_bags(
     of_parts = _ties(joining, bags)
     clouds = len(joining.stamps_ns)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
-    if unplaced:
-        remarks.append(
-            f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
-            'the others alone' + ('' if frame_id else ', in a frame of their own')
-        )
-    if without_covariance:
-        remarks.append(
-            f'{without_covariance} poses do not state how good they are: 30 mm is taken'
-        )
-    if joining.without_skin:
-        known_by = 'the autopilot' if frame_id else 'their shape'
-        remarks.append(
-            f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
-            f'only {known_by} tells where they lie; record /skin too'
-        )
+    told = (
+        (
+            unplaced,
+            f'of {clouds} clouds have no pose: they are placed by what they share with the others '
+            'alone' + ('' if frame_id else ', in a frame of their own'),
+        ),
+        (without_covariance, 'poses do not state how good they are: 30 mm is taken'),
+        (
+            joining.without_skin,
+            f'of {clouds} clouds have no image of the skin: along the skin only '
+            f'{"the autopilot" if frame_id else "their shape"} tells where they lie; record /skin '
+            'too',
+        ),
+    )
+    remarks += [f'{count} {text}' for count, text in told if count]
     # The frame of a survey that no autopilot has placed.
     return JoinedClouds(joining, frame_id or 'survey', (*remarks, *of_parts))
 
@@ -315,7 +315,7 @@ class FusedSkin:
             cloud = self._fusion.fused(item.cloud, pose)
             covariance = among_them[self._joined.numbers[item.stamp_ns]]
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
-            outcome = inspected(inspect, settings, (cloud, np.zeros(3), False))
+            outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
             self.mosaic.add(cloud, pose, item.skin, found)
             if found is not None:
