@@ -33,16 +33,16 @@ def figure_png(figure: Figure, dpi: int = 110) -> bytes:
 
 def png(pixels: NDArray[np.uint8]) -> str:
     """RGB pixels as a data URI."""
-    _, data = cv2.imencode('.png', np.ascontiguousarray(pixels[..., ::-1]))
-    return data_uri(data.tobytes())
+    return data_uri(_file(pixels, '.png'))
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
     """RGB pixels as a JPEG file."""
-    _, data = cv2.imencode(
-        '.jpg', np.ascontiguousarray(pixels[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 88]
-    )
-    return data.tobytes()
+    return _file(pixels, '.jpg', cv2.IMWRITE_JPEG_QUALITY, 88)
+
+
+def _file(pixels: NDArray[np.uint8], kind: str, *how: int) -> bytes:
+    return cv2.imencode(kind, np.ascontiguousarray(pixels[..., ::-1]), how)[1].tobytes()
 
 
 def colours(name: str = 'RdBu_r') -> NDArray[np.uint8]:
