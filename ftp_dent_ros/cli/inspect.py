@@ -192,7 +192,7 @@ def _of_bag(
         from ftp_dent_ros.survey.surveying import report_on_skin
 
         thrice = partial(progress, 3 * count)
-        return report_on_skin(bag, inspect, named, camera, *how, thrice)[0]
+        return report_on_skin(bag, named, camera, *how, thrice)[0]
     # Clouds that take as long as another process does to begin.
     once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // 10))
     return survey_bag(bag, inspect, named, camera, *how, progress=once, each=each)

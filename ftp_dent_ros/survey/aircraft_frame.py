@@ -195,10 +195,10 @@ def read_reference_points(
             place = places[number]
         else:
             place = np.array(each.take('map', Triple))
-        both = [each.take(name, Positive, value) * 1e-3 for name, value in usual.items()]
-        on_aircraft = np.array(each.take('at', Triple)) * unit
         name = each.take('name', str, f'points[{index}]')
+        there = np.array(each.take('at', Triple)) * unit
+        parts = [each.take(part, Positive, value) * 1e-3 for part, value in usual.items()]
+        points.append(ReferencePoint(name, place, there, math.hypot(*parts)))
         each.finish()
-        points.append(ReferencePoint(name, place, on_aircraft, math.hypot(*both)))
     file.finish()
     return tuple(points)

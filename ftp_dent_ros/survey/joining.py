@@ -136,9 +136,8 @@ class Joining:
         if stated is None:
             # As far from the last one as that from the one before.
             return there @ (graph.poses[-2:][0].inverse() @ there)
-        if last.covariance is None or last.flight != flight:
-            return stated
-        return there @ last.stated.inverse() @ stated
+        is_told = last.covariance is not None and last.flight == flight
+        return there @ last.stated.inverse() @ stated if is_told else stated
 
     def _join(self, first: int, second: int) -> None:
         """Lay a cloud on one shortly before."""

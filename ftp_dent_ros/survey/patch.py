@@ -199,9 +199,7 @@ class SkinPatch:
         return low
 
 
-def patch_of(
-    cloud: Cloud, skin: NDArray[np.uint8] | None = None, pitch: float | None = None
-) -> SkinPatch:
+def patch_of(cloud: Cloud, skin: NDArray[np.uint8] | None = None) -> SkinPatch:
     """Patch of a cloud in its camera's frame.
 
     Parameters
@@ -209,8 +207,6 @@ def patch_of(
     cloud : Cloud
     skin : ndarray, shape (rows, columns), uint8, optional
         Image of the skin on the cloud's grid; 0 where there is none.
-    pitch : float, optional
-        Metres; somewhat more than the cloud's own spacing by default.
 
     Raises
     ------
@@ -234,7 +230,8 @@ def patch_of(
     heights: Any = cv2.transform(everywhere, matrix[2:])
     place = places[some].astype(float)
     # Of the grid, by the cloud's own spacing.
-    size = pitch or 1.5 * _spacing(everywhere)
+    steps = np.linalg.norm(np.diff(everywhere[:: max(1, len(everywhere) // 24)], axis=1), axis=-1)
+    size = 1.5 * float(np.nanmedian(steps))
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
     u, v = cells(places, some, low, size, count)
@@ -257,12 +254,6 @@ def _tangent(points: NDArray[np.float64]) -> Pose:
     x /= np.linalg.norm(x)
     turn = np.stack([x, np.cross(normal, x), normal], axis=-1)
     return Pose(Rotation.from_matrix(turn), middle)
-
-
-def _spacing(points: Grid) -> float:
-    """Median distance between neighbouring points of a cloud."""
-    steps = np.linalg.norm(np.diff(points[:: max(1, len(points) // 24)], axis=1), axis=-1)
-    return float(np.nanmedian(steps))
 
 
 def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:

@@ -18,7 +18,7 @@ from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.inspection.bag import seen_cloud
-from ftp_dent_ros.inspection.inspecting import CloudInspector, Inspect, Inspected, inspected
+from ftp_dent_ros.inspection.inspecting import CloudInspector, Inspected, inspected
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import Pose
@@ -57,10 +57,10 @@ class Surveyed:
 
 def survey_bags(
     bags: Sequence[Bag],
-    name: str = '',
-    settings: SmallestDent | None = None,
-    rig_id: str = '',
-    progress: Callable[[], Any] = lambda: None,
+    name: str,
+    settings: SmallestDent,
+    rig_id: str,
+    progress: Callable[[], Any],
 ) -> Surveyed:
     """Make one skin of the clouds of all bags, which show one aircraft.
 
@@ -68,7 +68,7 @@ def survey_bags(
     ----------
     bags : sequence of Bag
     name : str
-    settings : SmallestDent, optional
+    settings : SmallestDent
         The smallest dents that are looked for.
     rig_id : str
         Id of the calibration.
@@ -82,11 +82,10 @@ def survey_bags(
     CloudError
         No cloud can be used.
     """
-    settings = settings or SmallestDent()
     joined = join_bags(bags, progress)
     skin = FusedSkin(bags, joined, progress)
     dents, remarks = DentList(), list(joined.remarks)
-    for item, outcome in skin.inspected(inspect, settings, photographs=False):
+    for item, outcome in skin.inspected(settings, photographs=False):
         found = outcome.found
         if found is None:
             remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {outcome.reason}')
@@ -108,7 +107,7 @@ def survey_bags(
         for each in dents.entries
     )
     result = SurveyResult(
-        name=name or bags[0].path.stem,
+        name=name,
         sources=tuple(str(bag.path) for bag in bags),
         taken_ns=min(joined.numbers),
         frame_id=joined.frame_id,
@@ -302,7 +301,7 @@ class FusedSkin:
                     yield item, self._joined.poses[number]
 
     def inspected(
-        self, inspect: Inspect, settings: SmallestDent, photographs: bool = True
+        self, settings: SmallestDent, photographs: bool = True
     ) -> Iterator[tuple[BagCloud, Inspected]]:
         """Each cloud, its points those of all clouds, and its dents; the picture is drawn with it.
 
@@ -355,7 +354,6 @@ class FusedSkin:
 
 def report_on_skin(
     bag: Bag,
-    inspect: Inspect,
     rig: tuple[str, str] = ('', ''),
     camera: Lens | None = None,
     rules: Rules | None = None,
@@ -367,8 +365,6 @@ def report_on_skin(
     Parameters
     ----------
     bag : Bag
-    inspect : callable
-        `ftp_dent_ros.inspection.measuring.inspection.inspect`.
     rig, camera, rules, settings
         As `ftp_dent_ros.inspection.bag.survey_bag` has them.
     progress : callable
@@ -385,7 +381,7 @@ def report_on_skin(
     skin = FusedSkin([bag], joined, progress)
     inspector = CloudInspector(inspect, len(joined.poses), settings=settings)
     covered = coverages_of(bag)
-    for item, outcome in skin.inspected(inspect, settings or SmallestDent()):
+    for item, outcome in skin.inspected(settings or SmallestDent()):
         inspector.take(seen_cloud(item, covered), outcome)
     report = inspector.report(str(bag.path), joined.frame_id, rig, camera, rules)
     # With what all places have in common: the error of the autopilot's poses.

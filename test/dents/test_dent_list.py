@@ -68,18 +68,19 @@ def test_a_dent_that_one_frame_cuts_is_measured_where_it_is_whole():
     assert entry.dent.is_cut and entry.dent.length.value == pytest.approx(25e-3)
 
 
-def test_measurements_that_disagree_are_as_uncertain_as_they_scatter():
-    # What they do not show as scatter, they may have in common.
-    agreeing = combined([Estimate(1.0, 0.1), Estimate(1.0, 0.1)])
-    assert agreeing.uncertainty == pytest.approx(0.1)
-    scattered = combined([Estimate(0.0, 0.1), Estimate(2.0, 0.1)])
-    assert scattered.value == pytest.approx(1.0)
-    assert scattered.uncertainty == pytest.approx(1.0)
-    weighted = combined([Estimate(1.0, 0.1), Estimate(2.0, 0.3)])
-    assert weighted.value == pytest.approx(1.1)
-    assert np.isnan(combined([Estimate(float('nan'), 0.1)]).value)
-    partly = combined([Estimate(float('nan'), 0.1), Estimate(3.0, 0.2)])
-    assert (partly.value, partly.uncertainty) == pytest.approx((3.0, 0.2))
+@pytest.mark.parametrize(
+    ('measured', 'together'),
+    [
+        # What they do not show as scatter, they may have in common.
+        ([(1.0, 0.1), (1.0, 0.1)], (1.0, 0.1)),
+        ([(0.0, 0.1), (2.0, 0.1)], (1.0, 1.0)),
+        ([(np.nan, 0.1), (3.0, 0.2)], (3.0, 0.2)),
+        ([(np.nan, 0.1)], (np.nan, np.nan)),
+    ],
+)
+def test_measurements_that_disagree_are_as_uncertain_as_they_scatter(measured, together):
+    one = combined([Estimate(*each) for each in measured])
+    assert (one.value, one.uncertainty) == pytest.approx(together, nan_ok=True)
 
 
 def test_orientations_on_both_sides_of_the_half_turn_agree():
