@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from ftp_dent_ros.dents.constellation import GATE, expected_move, groups_shown
+from ftp_dent_ros.dents.constellation import GATE, SHARED, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
 from ftp_dent_ros.dents.glass import Glass, Spot
 from ftp_dent_ros.dents.sightings import (
@@ -22,8 +22,8 @@ from ftp_dent_ros.dents.sightings import (
     listed,
     sigmas_apart,
 )
-from ftp_dent_ros.pose import IDENTITY, Pose
-from ftp_dent_ros.rigid import about
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import about, move_about
 
 # Standard uncertainty of a pose whose covariance is not known (all zeros, in ROS): metres,
 # radians.
@@ -46,7 +46,8 @@ class DentList:
         self._entries: list[ListedDent] = []
         self._numbers = self._groups = 0
         self._begun: dict[tuple[int, int], int] = {}
-        self._error: NDArray[np.float64] | None = None
+        # Of the last pose: shift, metres, and turn, radians.
+        self._error = np.zeros(6)
         # Of each frame its group, and the middle of its dents: where its pose has it, and where it
         # was found to lie.
         self._placed: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
@@ -131,7 +132,7 @@ class DentList:
             self._place(cloud)
             return
         # What is of a glass has had a say in where frames lie: once more without it.
-        self._entries, self._placed, self._groups, self._error = [], [], 0, None
+        self._entries, self._placed, self._groups, self._error = [], [], 0, np.zeros(6)
         for each in self.clouds:
             self._place(each)
 
@@ -143,18 +144,18 @@ class DentList:
         dents = [cloud.dents[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
         doubt = known_covariance(covariance)
-        expected = expected_move(self._error, pivot)
+        expected = move_about(SHARED * self._error, pivot)
         known: dict[int, list[MeasuredDent]] = {}
         for entry in self._entries:
             known.setdefault(entry.group, []).append(entry.dent)
         matches = groups_shown(dents, known, pivot, doubt, expected)
-        move = matches[0][1] if matches else IDENTITY if expected is None else expected
+        move = matches[0][1] if matches else expected
         self._error = np.concatenate([move.apply(pivot) - pivot, move.rotation.as_rotvec()])
         group = self._joined(matches)
         sightings = [
             Sighting(
                 frame,
-                dent if move is IDENTITY else dent.transformed(move),
+                dent.transformed(move),
                 position_covariance(dent.position, pose, covariance),
             )
             for dent in dents
