@@ -170,10 +170,10 @@ class MeasuredDent:
         names : iterable of str
             Of `FIGURES`.
         """
-        record = {}
+        record: dict[str, float] = {}
         for name in names:
-            record[name] = self.figure(name).value
-            record[uncertain(name)] = self.figure(name).uncertainty
+            figure = self.figure(name)
+            record |= {name: figure.value, uncertain(name): figure.uncertainty}
         return record
 
     def figure(self, name: str) -> Estimate:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 import os
@@ -345,7 +344,7 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
             {
                 'rows': len(grid),
                 'columns': grid.shape[1],
-                'vertices': _coded(grid - np.append(origin, 0)),
+                'vertices': drawing.coded(grid - np.append(origin, 0)),
                 'inward': _mean([away]),
             }
             for grid, away in zip(grids, inward, strict=True)
@@ -367,10 +366,6 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
             if shown & {sighting.frame for sighting in entry.sightings}
         ],
     }
-
-
-def _coded(values: NDArray) -> str:
-    return base64.b64encode(values.astype('<f4').tobytes()).decode('ascii')
 
 
 def _mean(fields: Sequence[NDArray]) -> list[float]:

@@ -24,6 +24,11 @@ def data_uri(data: bytes, kind: str = 'image/png') -> str:
     return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
 
 
+def coded(values: NDArray[np.floating]) -> str:
+    """Numbers as a page's script reads them: single precision, little endian, base64."""
+    return base64.b64encode(values.astype('<f4').tobytes()).decode('ascii')
+
+
 def figure_png(figure: Figure, dpi: int = 110) -> bytes:
     """A figure of matplotlib as a PNG file."""
     stream = io.BytesIO()

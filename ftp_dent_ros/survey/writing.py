@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from pathlib import Path
@@ -31,9 +30,6 @@ from ftp_dent_ros.survey.unrolled import Gap
 
 # Depth that the picture of the deviation shows at its ends, metres.
 _DEEPEST = 0.5e-3
-
-# Of the heights in the page, metres, and the number of one that is not known.
-_STEP, _UNKNOWN = 1e-5, -32768
 
 
 def write_survey(folder: Path, survey: Surveyed, frame: AircraftFrame | None = None) -> list[Path]:
@@ -233,21 +229,14 @@ def _places(survey: Surveyed) -> dict[str, Any]:
         'low': mosaic.low.tolist(),
         'rows': height.shape[0],
         'columns': height.shape[1],
-        'step': _STEP,
-        'unknown': _UNKNOWN,
-        'height': _coded(height),
-        'findable': _coded(findable),
+        'height': drawing.coded(height),
+        'findable': drawing.coded(findable),
         'origin': skin.origin.tolist(),
         'axis': skin.axis.tolist(),
         'around': skin.around.tolist(),
         'normal': skin.normal.tolist(),
         'radius': skin.radius,
     }
-
-
-def _coded(values: NDArray[np.float64]) -> str:
-    steps = np.where(np.isfinite(values), np.rint(values / _STEP), _UNKNOWN)
-    return base64.b64encode(np.clip(steps, _UNKNOWN, 32767).astype('<i2').tobytes()).decode()
 
 
 def skin_of(
