@@ -77,22 +77,18 @@ class AircraftFrame:
     covariance: Array
     residuals: Array
 
-    def place(self, position: Array, covariance: Array | None = None) -> tuple[Array, Array]:
+    def place(self, position: Array, variance: float = 0.0) -> tuple[Array, Array]:
         """A place of the map on the aircraft, and its covariance.
 
         Parameters
         ----------
         position : ndarray, shape (3,)
-        covariance : ndarray, shape (3, 3), optional
-            Of the place among the others of the map, square metres.
+        variance : float
+            Of the place among the others of the map, along each axis, square metres.
         """
         there = self.pose.apply(np.asarray(position, float))
         jacobian = about(there - self.middle)
-        spread = jacobian @ self.covariance @ jacobian.T
-        if covariance is not None:
-            turn = self.pose.rotation.as_matrix()
-            spread = spread + turn @ covariance @ turn.T
-        return there, spread
+        return there, jacobian @ self.covariance @ jacobian.T + variance * np.eye(3)
 
 
 def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:

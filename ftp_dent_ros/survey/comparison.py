@@ -208,7 +208,7 @@ def _located(
         places, spread = matching.in_later(place[None])
         place, among = places[0], math.hypot(CENTRE, float(spread[0]))
     if frame is not None:
-        place, covariance = frame.place(place, np.eye(3) * among**2)
+        place, covariance = frame.place(place, among**2)
     return place, math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
 
 
