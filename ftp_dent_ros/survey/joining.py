@@ -57,7 +57,6 @@ class Joining:
         self,
         stamp_ns: int,
         cloud: Cloud,
-        skin: NDArray[np.uint8] | None = None,
         pose: Pose | None = None,
         covariance: NDArray[np.float64] | None = None,
         flight: int = 0,
@@ -69,7 +68,6 @@ class Joining:
         stamp_ns : int
         cloud : Cloud
             In its camera's frame.
-        skin : ndarray, shape (rows, columns), uint8, optional
         pose : Pose, optional
             Of the camera, as the autopilot says.
         covariance : ndarray, shape (6, 6), optional
@@ -82,7 +80,7 @@ class Joining:
         CloudError
             The cloud has too few points.
         """
-        patch = patch_of(cloud, skin)
+        patch = patch_of(cloud)
         self.without_skin += patch.light is None
         number = len(self.stamps_ns)
         guess = self._guess(pose, flight)

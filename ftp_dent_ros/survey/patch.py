@@ -199,14 +199,8 @@ class SkinPatch:
         return low
 
 
-def patch_of(cloud: Cloud, skin: NDArray[np.uint8] | None = None) -> SkinPatch:
-    """Patch of a cloud in its camera's frame.
-
-    Parameters
-    ----------
-    cloud : Cloud
-    skin : ndarray, shape (rows, columns), uint8, optional
-        Image of the skin on the cloud's grid; 0 where there is none.
+def patch_of(cloud: Cloud) -> SkinPatch:
+    """Patch of a cloud in its camera's frame, with the image of its skin if it has one.
 
     Raises
     ------
@@ -239,9 +233,7 @@ def patch_of(cloud: Cloud, skin: NDArray[np.uint8] | None = None) -> SkinPatch:
     sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(5e-5))
     height = remap(heights, u, v)
     deviation = remap(sigma.astype(np.float32, copy=False) * np.float32(1e3), u, v)
-    light = None
-    if skin is not None and skin.any():
-        light = remap(_LOGARITHMS[skin], u, v)
+    light = remap(_LOGARITHMS[cloud.skin], u, v) if cloud.skin.any() else None
     return SkinPatch(frame, size, low, height, deviation, light)
 
 

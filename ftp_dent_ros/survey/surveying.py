@@ -201,7 +201,7 @@ def join_bags(
                 if covariance is None or not np.any(covariance):
                     covariance, without_covariance = _UNKNOWN, without_covariance + 1
             try:
-                joining.add(item.stamp_ns, item.cloud, item.skin, item.pose, covariance, flight)
+                joining.add(item.stamp_ns, item.cloud, item.pose, covariance, flight)
             except CloudError as reason:
                 remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
             progress()
@@ -316,7 +316,7 @@ class FusedSkin:
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
-            self.mosaic.add(cloud, pose, item.skin, found)
+            self.mosaic.add(cloud, pose, found)
             if found is not None:
                 dents, others = (
                     tuple(self._doubted(dent, pose) for dent in part)

@@ -35,22 +35,22 @@ HALF_S = 500_000_000
 START_NS = 1_760_000_000 * SECOND
 
 
-def contents(cloud, skin, pose, stamp_ns):
+def contents(cloud, pose, stamp_ns, rows):
     eye = 'camera_optical_frame'
-    yield '/skin', data_of(image(stamp_ns, eye, skin, 'mono8'), IMAGE)
+    yield '/skin', data_of(image(stamp_ns, eye, cloud.skin[:rows], 'mono8'), IMAGE)
     yield '/points', data_of(cloud_message(stamp_ns, eye, cloud), CLOUD)
     if pose is not None:
         there = place(pose.translation, pose.quaternion)
         yield '/tagged/camera_pose', located(stamp_ns, there, STATED)
 
 
-def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig=''):
+def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig='', rows=ROWS):
     with BagWriter(folder) as writer:
         if rig:
             writer.custom_data['rig'] = rig
         for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
             stamp = start_ns + index * HALF_S
-            for name, data in contents(*skin.seen(pose, index), said, stamp):
+            for name, data in contents(skin.seen(pose, index), said, stamp, rows):
                 if name not in without:
                     writer.add_topic(topic(name, TYPES[name]))
                     writer.write([Message(name, TYPES[name], stamp, stamp, data)])
@@ -112,11 +112,14 @@ def test_the_report_on_a_bag_shows_the_whole_skin(tmp_path, skin, capsys):
 
 def test_what_a_bag_lacks_is_told_or_it_is_refused(tmp_path, skin, capsys):
     poses = list(skin.flight(3))
-    for stated, without, wanted in (
-        ([None] * 3, (), '3 of 3 clouds have no pose'),
-        (poses, ('/skin',), '3 of 3 clouds have no image of the skin'),
+    no_skin = '3 of 3 clouds have no image of the skin'
+    for name, stated, lacking, wanted in (
+        ('poses', [None] * 3, {}, '3 of 3 clouds have no pose'),
+        ('skin', poses, {'without': ('/skin',)}, no_skin),
+        # One of another size is none of the cloud's.
+        ('size', poses, {'rows': ROWS - 9}, no_skin),
     ):
-        bag = record(tmp_path / f'without{len(without)}', skin, poses, stated, without=without)
+        bag = record(tmp_path / name, skin, poses, stated, **lacking)
         assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
         remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
         assert any(wanted in text for text in remarks)
@@ -177,8 +180,7 @@ def test_a_gap_between_passes_is_found_and_no_cell_too_many(skin):
         np.array([0.3, 0.4]),
     )
     for number, pose in enumerate(poses):
-        cloud, image = flat.seen(pose, number)
-        mosaic.add(cloud, pose, image, None)
+        mosaic.add(flat.seen(pose, number), pose, None)
     (gap,), _ = mosaic.gaps()
     assert gap.size[1] == pytest.approx(0.02, abs=0.0101)
     assert abs(gap.place[1]) < 0.01
