@@ -292,7 +292,7 @@ def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) ->
         'title': frame.name if frame.stamp_ns is None else iso_time(frame.stamp_ns),
         'shows': ', '.join(str(entry.number) for entry in shown),
         'heat': {
-            'data': drawing.heat_map(view.deviation, limit),
+            'data': drawing.png(drawing.deviation_colours(view.deviation, limit)),
             'width': columns,
             'height': rows,
             'outlines': heat,

@@ -67,13 +67,8 @@ def deviation_colours(deviation: NDArray[np.float32], limit: float) -> NDArray[n
     return pixels
 
 
-def heat_map(deviation: NDArray[np.float32], limit: float) -> str:
-    """Deviation as a PNG's data URI, a pixel a point; from -limit to limit, metres."""
-    return png(deviation_colours(deviation, limit))
-
-
 def depth_scale(limit: float) -> dict[str, Any]:
-    """The colours of `heat_map`, and the depths in millimetres that they stand for."""
+    """The colours of `deviation_colours`, and the depths in millimetres that they stand for."""
     values = np.linspace(-1, 1, 5) * limit * 1e3
     return {
         'data': png(colours()[None]),

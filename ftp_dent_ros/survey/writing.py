@@ -307,7 +307,7 @@ def _layers(
         {
             'title': 'Deviation from the undeformed contour',
             'caption': 'Depth in mm, inward positive (red). Grey: not measured.',
-            'data': drawing.heat_map(mosaic.deviation[::-1], _DEEPEST),
+            'data': drawing.png(drawing.deviation_colours(mosaic.deviation[::-1], _DEEPEST)),
             'scale': drawing.depth_scale(_DEEPEST),
         },
     ]
