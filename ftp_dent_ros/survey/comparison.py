@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE
 from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
-from ftp_dent_ros.dents.sightings import CENTRE
+from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import date_of, finite, interval, spread, table
+from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread, table
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import DentMatching, match
@@ -32,6 +32,7 @@ Status = Literal[
     'repaired',
     'not seen',
     'changed',
+    'in doubt',
 ]
 #: In words, in the order in which they are listed.
 STATUSES: dict[Status, str] = {
@@ -42,6 +43,7 @@ STATUSES: dict[Status, str] = {
     'shallower': 'smaller than before, beyond what noise can be',
     'changed': 'larger in one measure and smaller in another, beyond what noise can be',
     'not seen': 'its place was not looked at this time, or not well enough to find it',
+    'in doubt': 'may be the same as before: its place is not known well enough to tell',
     'known': 'as before, as far as can be told',
 }
 # By the signs of what has changed.
@@ -175,7 +177,7 @@ def compare(
         ]
         for dents, survey, is_gone in ((before, later, True), (after, earlier, False))
     )
-    found += [*gone, *come]
+    found += _with_doubts(gone, come, matching)
     order = list(STATUSES)
     depths = {id(each): np.nan_to_num(abs(each.shown.dent.depth.value)) for each in found}
     found.sort(key=lambda each: (order.index(each.status), -depths[id(each)]))
@@ -225,6 +227,35 @@ def _alone(
     if is_gone:
         return ComparedDent('not seen' if reason else 'repaired', dent, None, {}, reason)
     return ComparedDent('first seen' if reason else 'new', None, dent, {}, reason)
+
+
+def _with_doubts(
+    gone: list[ComparedDent], come: list[ComparedDent], matching: DentMatching
+) -> list[ComparedDent]:
+    """All of both, those once that may be one dent: neither survey tells that they are two."""
+    unseen = [each for each in gone if each.status == 'not seen']
+    first = [each for each in come if each.status == 'first seen']
+    if not (unseen and first):
+        return [*gone, *come]
+    before, after = [each.shown for each in unseen], [each.shown for each in first]
+    places, spread = matching.in_later(np.stack([each.dent.position for each in before]))
+    apart = np.stack([each.dent.position for each in after]) - places[:, None]
+    turn = matching.motion.rotation.inv().as_matrix()
+    known = np.stack([turn @ each.position_covariance @ turn.T for each in before])
+    known = known + np.square(spread)[:, None, None] * np.eye(3)
+    both = known[:, None] + np.stack([each.position_covariance for each in after])
+    far = sigmas_apart(apart, both)
+    alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
+    doubts = []
+    for i, j in zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True):
+        away = 1e3 * float(np.linalg.norm(apart[i, j]))
+        reason = (
+            f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
+            f'the places are known within {position_interval(both[i, j])}'
+        )
+        doubts.append(ComparedDent('in doubt', before[i], after[j], {}, reason))
+    taken = {id(each) for doubt in doubts for each in (doubt.earlier, doubt.later)}
+    return [*(each for each in (*gone, *come) if id(each.shown) not in taken), *doubts]
 
 
 def _why_not_found(

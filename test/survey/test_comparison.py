@@ -1,5 +1,6 @@
 """What has become of dents between two surveys, each in a frame of its own."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,9 @@ from survey_samples import COUNT, ELSEWHERE, GROWN, NEW, REPAIRED, UNSEEN, pair
 
 from ftp_dent_ros.survey.comparison import chart_csv, compare, comparison_page
 from ftp_dent_ros.survey.matching import NoMatchError, match
+from ftp_dent_ros.survey.result import CoverageCells
 
+NOWHERE = CoverageCells(0.01, np.zeros((1, 3), np.float32), *np.full((2, 1), np.nan))
 EXPECTED = {GROWN: 'grown', REPAIRED: 'repaired', NEW: 'new', UNSEEN: 'not seen'}
 
 
@@ -62,3 +65,28 @@ def test_surveys_of_two_aircraft_are_refused():
     few = [each.dent for each in pair()[0].dents[:2]]
     with pytest.raises(NoMatchError, match='too few'):
         match(few, few)
+
+
+def test_dents_nearer_than_their_places_are_known_are_one_in_doubt():
+    earlier, later = pair()
+    off = {number: np.array([0.02 + 0.01 * k, 0.03, 0.0]) for k, number in enumerate((8, 9, 10))}
+
+    def loose(survey, shift=lambda number: np.zeros(3)):
+        dents = [
+            replace(
+                each,
+                dent=replace(each.dent, position=each.dent.position + shift(each.number)),
+                position_covariance=np.eye(3) * 0.086**2,
+            )
+            for each in survey.dents
+            if each.number not in (1, 2, 3, 4)
+        ]
+        return replace(survey, dents=tuple(dents), coverage=NOWHERE)
+
+    found = compare(loose(earlier), loose(later, lambda n: off.get(n, np.zeros(3))))
+    counts = Counter(each.status for each in found.dents)
+    assert counts == {'known': COUNT - 7, 'in doubt': 3}
+    for each in found.dents:
+        if each.status == 'in doubt':
+            assert each.earlier.number == each.later.number
+            assert f'may be number {each.earlier.number} of before' in each.reason
