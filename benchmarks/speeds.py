@@ -46,7 +46,7 @@ def speeds(seed: int) -> dict[str, float]:
                 work[f'inspect, {code}'] = lambda cloud=cloud: inspect(cloud)
     rng = generator(seed, 0, 'pair')
     poses, panel = flight(rng, 2), marked_skin(rng, 0.3)
-    first, second = (patch_of(*seen_from(pose, panel, 'stripe', rng)) for pose in poses)
+    first, second = (patch_of(seen_from(pose, panel, 'stripe', rng)) for pose in poses)
     guess = poses[0].inverse() @ poses[1]
     work['register a pair of clouds'] = lambda: register(first, second, guess, STATED / 4)
     rows = image[..., 0].astype(np.float32)

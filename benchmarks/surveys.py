@@ -109,12 +109,11 @@ def devices(code: str) -> tuple[Renderer, Reconstructor]:
     return Renderer(rig, pattern.draw(), light), Reconstructor(rig, pattern, Settings(stride=2))
 
 
-def seen_from(pose: Pose, panel: Panel, code: str, rng: Random) -> tuple[Cloud, NDArray[np.uint8]]:
-    """Cloud and skin image from a pose."""
+def seen_from(pose: Pose, panel: Panel, code: str, rng: Random) -> Cloud:
+    """Cloud with its skin image from a pose."""
     renderer, reconstructor = devices(code)
     photograph = renderer.render(Surface((panel,)).transformed(pose.inverse()), rng)
-    cloud = reconstructor.measure(photograph, skin=True).cloud
-    return cloud, cloud.skin
+    return reconstructor.measure(photograph, skin=True).cloud
 
 
 def pairs(name: str, seed: int, draw: int) -> dict[str, Figures]:
@@ -125,7 +124,7 @@ def pairs(name: str, seed: int, draw: int) -> dict[str, Figures]:
         poses, panel = flight(rng, TOGETHER), marked_skin(rng, 0.3)
         rows[code] = {}
         with attempt(rows[code]):
-            patches = [patch_of(*seen_from(pose, panel, code, rng)) for pose in poses]
+            patches = [patch_of(seen_from(pose, panel, code, rng)) for pose in poses]
             errors, ratios, untold = [], [], 0
             for first, second in ((0, 1), (1, 2), (0, 2)):
                 true, doubt = poses[first].inverse() @ poses[second], STATED / 4
@@ -163,8 +162,8 @@ def strip(name: str, seed: int, draw: int) -> dict[str, Figures]:
         with attempt(rows[code]):
             joining = Joining()
             for index, (true, said) in enumerate(zip(poses, stated, strict=True)):
-                cloud, image = seen_from(true, panel, code, rng)
-                joining.add(index * HALF_S, cloud, image, said, STATED)
+                cloud = seen_from(true, panel, code, rng)
+                joining.add(index * HALF_S, cloud, said, STATED)
             joining.finish()
             errors, ratios = _seen_from_the_middle(joining, poses)
             size = MM * np.linalg.norm(errors[:, :3], axis=1)

@@ -54,6 +54,16 @@ def make_dent(
     )
 
 
+def scattered(rng, count, low, high, apart):
+    """Places between two corners, shape (count, 2), no two nearer to each other than so far."""
+    places: list[np.ndarray] = []
+    while len(places) < count:
+        place = rng.uniform(low, high)
+        if all(np.linalg.norm(place - other) > apart for other in places):
+            places.append(place)
+    return np.array(places)
+
+
 def _profile(size, depth):
     at = np.linspace(-0.8, 0.8, 101) * size
     q = np.maximum(1 - (at / (size / 0.835 / 2)) ** 2, 1e-9)

@@ -62,8 +62,8 @@ class FlownSkin:
             z = z - depth * np.where(r < 1, np.square(1 - np.square(np.minimum(r, 1))), 0)
         return z
 
-    def seen(self, pose: Pose, seed: int) -> tuple[Cloud, NDArray[np.uint8]]:
-        """Cloud in the camera's frame, and the image of its skin."""
+    def seen(self, pose: Pose, seed: int) -> Cloud:
+        """Cloud in the camera's frame, with the image of its skin."""
         rng = np.random.default_rng([self.seed, seed])
         u, v = np.meshgrid(
             (np.arange(COLUMNS) - (COLUMNS - 1) / 2) * SPACING / DISTANCE,
@@ -86,8 +86,7 @@ class FlownSkin:
         depth = depth + cv2.GaussianBlur(rng.normal(0, 5 * NOISE, u.shape), (0, 0), 1.5)
         points = (rays * depth[..., None]).astype(np.float32)
         sigma = np.full(u.shape, NOISE, np.float32)
-        cloud = Cloud(points, np.full(u.shape, 60, np.float32), sigma, 3e-3 + 0 * sigma)
-        return cloud, skin
+        return Cloud(points, np.full(u.shape, 60, np.float32), sigma, 3e-3 + 0 * sigma, skin=skin)
 
     def flight(self, count: int, start: float = 0.0, step: float = 0.05, y: float = 0.0):
         """True poses of a pass, with sway and wobble."""

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from dent_samples import make_dent
+from dent_samples import make_dent, scattered
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.pose import Pose
@@ -20,11 +20,7 @@ ELSEWHERE = Pose.from_rpy((0.03, -0.02, 2.5), (7.0, -3.0, 1.0))
 def pair(seed=1, count=COUNT):
     """The earlier and the later survey; the later did not look at dent `UNSEEN`."""
     rng = np.random.default_rng(seed)
-    places = []
-    while len(places) < count:
-        place = rng.uniform((0.05, 0.05), np.array(SIZE) - 0.05)
-        if all(np.linalg.norm(place - other) > 0.06 for other in places):
-            places.append(place)
+    places = scattered(rng, count, (0.05, 0.05), np.array(SIZE) - 0.05, 0.06)
     depths, widths = rng.uniform(4e-4, 2e-3, count), rng.uniform(0.015, 0.04, count)
     unseen = places[UNSEEN - 1]
     earlier, later = [], []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.cloud.ply import read_ply, rig_id_of, write_ply
+from ftp_dent_ros.cloud.ply import read_ply, write_ply
 from ftp_dent_ros.errors import CloudError
 
 
@@ -26,7 +26,7 @@ def cloud():
 def test_ply_keeps_the_grid_and_the_bits(cloud, tmp_path):
     path = tmp_path / 'cloud.ply'
     write_ply(path, cloud, 'camera_optical_frame')
-    read, frame_id = read_ply(path)
+    read, frame_id, _ = read_ply(path)
     assert frame_id == 'camera_optical_frame'
     assert read.points.dtype == np.float32
     np.testing.assert_array_equal(read.points, cloud.points)
@@ -42,22 +42,16 @@ def test_ply_keeps_the_image_of_the_skin_where_there_is_one(cloud, tmp_path):
     assert not read_ply(path)[0].skin.any()
     skin = np.where(cloud.valid, np.arange(77).reshape(7, 11) + 1, 0).astype(np.uint8)
     write_ply(path, cloud.with_skin(skin), 'map')
-    read, _ = read_ply(path)
+    read, *_ = read_ply(path)
     assert read.skin.dtype == np.uint8
     np.testing.assert_array_equal(read.skin, skin)
     np.testing.assert_array_equal(read.sigma, cloud.sigma)
 
 
 def test_a_cloud_says_which_rig_measured_it(cloud, tmp_path):
-    path = tmp_path / 'cloud.ply'
-    write_ply(path, cloud, 'map')
-    assert rig_id_of(path) == ''
-    write_ply(path, cloud, 'map', '0123456789ab')
-    assert rig_id_of(path) == '0123456789ab'
-    assert read_ply(path)[1] == 'map'
-    path.write_bytes(b'nothing')
-    with pytest.raises(CloudError, match='not a PLY'):
-        rig_id_of(path)
+    for rig_id in ('', '0123456789ab'):
+        write_ply(tmp_path / 'cloud.ply', cloud, 'map', rig_id)
+        assert read_ply(tmp_path / 'cloud.ply')[1:] == ('map', rig_id)
 
 
 def test_an_empty_cloud_is_written_and_read(tmp_path):
@@ -77,9 +71,7 @@ def damaged(data):
     yield 'cut', data[:-5], 'cut short'
     yield 'long', data + b'more', 'cut short'
     yield 'no grid', data.replace(b'obj_info num_cols 11\n', b''), 'organised'
-    yield 'other fields', data.replace(b'property float intensity\n', b''), 'organised'
     yield 'small grid', data.replace(b'num_rows 7', b'num_rows 6'), 'outside its grid'
-    yield 'smaller grid', data.replace(b'num_rows 7', b'num_rows 2'), 'no camera has'
     yield 'empty grid', data.replace(b'num_rows 7', b'num_rows 0'), 'no camera has'
     yield 'huge grid', data.replace(b'num_rows 7', b'num_rows 99999999'), 'no camera has'
     yield 'huge count', re.sub(rb'vertex \d+', b'vertex 99999999999999', data), 'no camera has'
@@ -88,7 +80,6 @@ def damaged(data):
     yield 'format', data.replace(b'binary_little', b'binary_middle'), 'format is not'
     yield 'list', data.replace(b'float z', b'list uchar int z'), 'organised'
     yield 'type', data.replace(b'float z', b'double z'), 'organised'
-    yield 'twice', data.replace(b'float y', b'float x'), 'organised'
     yield 'endless header', data[:20] + b'comment x\n' * 10_000 + data[20:], 'not a PLY'
 
 

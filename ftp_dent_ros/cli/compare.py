@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
+from collections.abc import Sequence
 
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import RULES, output_argument
@@ -11,12 +11,11 @@ from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find, write_all_atomically
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
 from ftp_dent_ros.survey.comparison import (
-    STATUSES,
-    ChartRow,
-    chart,
+    ComparedDent,
     chart_csv,
     compare,
     comparison_page,
+    headline,
 )
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.survey.store import SurveyStore
@@ -53,32 +52,27 @@ def run(arguments: argparse.Namespace) -> int:
     frame = None
     if arguments.points:
         frame = aircraft_frame(read_reference_points(arguments.points, later))
-    comparison = compare(earlier, later)
-    rows = chart(comparison, frame, arguments.rules)
-    texts = {
-        PAGE: comparison_page(comparison, rows, frame, arguments.rules),
-        TABLE: chart_csv(rows, frame is not None),
-    }
+    comparison = compare(earlier, later, frame, arguments.rules)
+    texts = {PAGE: comparison_page(comparison), TABLE: chart_csv(comparison)}
     with write_all_atomically(arguments.output, texts, 'the comparison') as temporary:
         for name, text in texts.items():
             temporary[name].write_text(text, encoding='utf-8', errors='backslashreplace')
-    print(summary(rows))
+    print(summary(comparison.dents))
     print(arguments.output / PAGE)
     return 0
 
 
-def summary(rows: list[ChartRow]) -> str:
+def summary(dents: Sequence[ComparedDent]) -> str:
     """How many of each status, and a line for each that is not as before."""
-    counts = Counter(row.compared.status for row in rows)
-    lines = [', '.join(f'{counts[each]} {each}' for each in STATUSES if counts[each])]
-    for row in rows:
-        if row.compared.status == 'known':
+    lines = [headline(dents)]
+    for row in dents:
+        if row.status == 'known':
             continue
-        line = f'{row.number:>6}  {row.compared.status}, depth {row.dent.depth.value * 1e3:.3f} mm'
-        growth = row.compared.changes.get('depth')
+        line = f'{row.number:>6}  {row.status}, depth {row.shown.dent.depth.value * 1e3:.3f} mm'
+        growth = row.changes.get('depth')
         if growth is not None:
             line += f', growth {growth.estimate.value * 1e3:+.3f} ± {growth.half * 1e3:.3f} mm'
-        lines.append(line + (f': {row.compared.reason}' if row.compared.reason else ''))
+        lines.append(line + (f': {row.reason}' if row.reason else ''))
     return '\n'.join(lines)
 
 

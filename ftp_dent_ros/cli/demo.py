@@ -32,7 +32,6 @@ from ftp_dent_ros.demonstration.flight import (
 )
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.page import write_report
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag, open_bag
@@ -147,7 +146,7 @@ def _inspect(
     named, camera = (file.name, calibrated.id), calibrated.camera
     count = bag.metadata.message_counts['/points']
     with progress_bar('inspecting', 3 * count, 'cloud') as bar:
-        report, joined = report_on_skin(bag, inspect, named, camera, progress=bar.update)
+        report, joined = report_on_skin(bag, named, camera, progress=bar.update)
     write_report(folder, replace(report, source='flight of the demonstration'))
     skin, moves = appraise_skin(bag, joined, world)
     poses = {stamp: move @ joined.poses[joined.numbers[stamp]] for stamp, move in moves.items()}

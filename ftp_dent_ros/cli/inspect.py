@@ -21,7 +21,7 @@ from ftp_dent_ros.cli.arguments import (
     progress_bar,
     smallest_of,
 )
-from ftp_dent_ros.cloud.ply import read_ply, rig_id_of
+from ftp_dent_ros.cloud.ply import read_ply
 from ftp_dent_ros.dents.rules import verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
@@ -159,8 +159,7 @@ def report_of(
         raise ConfigurationError(f'{path}: is no bag, whose clouds --survey joins: leave it out')
     frame_id, measured_by = _CAMERA_FRAME, ''
     if path.suffix.lower() == '.ply':
-        cloud, frame_id = read_ply(path)
-        measured_by = rig_id_of(path)
+        cloud, frame_id, measured_by = read_ply(path)
         viewpoint = (0.0, 0.0, 0.0) if frame_id == _CAMERA_FRAME else viewpoint_of(cloud)
         seen = SeenCloud(path.name, cloud, viewpoint=viewpoint)
     elif is_photograph(path):
@@ -193,7 +192,7 @@ def _of_bag(
         from ftp_dent_ros.survey.surveying import report_on_skin
 
         thrice = partial(progress, 3 * count)
-        return report_on_skin(bag, inspect, named, camera, *how, thrice)[0]
+        return report_on_skin(bag, named, camera, *how, thrice)[0]
     # Clouds that take as long as another process does to begin.
     once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // 10))
     return survey_bag(bag, inspect, named, camera, *how, progress=once, each=each)

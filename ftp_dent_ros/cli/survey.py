@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
             f'seen {each.sightings} times' + (f', {dent.reason}' if dent.reason else '')
         )
     print(f'{result.coverage.area:.3f} m2 of the skin were measured')
-    for gap in survey.mosaic.gaps()[:_GAPS]:
+    for gap in survey.mosaic.gaps()[0][:_GAPS]:
         x, y = gap.place
         width, height = gap.size * 1e3
         print(f'  not measured: {width:.0f} mm by {height:.0f} mm at x {x:.3f} m, y {y:.3f} m')

@@ -16,6 +16,5 @@ def run(arguments: argparse.Namespace) -> int:
     """List them."""
     store = SurveyStore(find(arguments.file))
     for survey in map(store.read, store.names()):
-        dents = sum(each.dent.kind == 'dent' for each in survey.dents)
-        print(f'{date_of(survey.taken_ns)}  {survey.name}: {dents} dents')
+        print(f'{date_of(survey.taken_ns)}  {survey.name}: {survey.count} dents')
     return 0

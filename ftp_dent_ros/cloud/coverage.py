@@ -114,18 +114,17 @@ class Coverage:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was left out, and why, and what could not be checked: a sentence each."""
-        shares = tuple(
+        words = [
             f'{share:.0%} of the lit area {_SENTENCES[reason]}'
             for reason, share in sorted(self.missing.items(), key=lambda item: -item[1])
             if share > _REMARKABLE
-        )
+        ]
         if self.brightest < DIM:
-            shares = *shares, _dim(self.brightest)
-        return shares if self.confirmed else (*shares, _UNCONFIRMED)
-
-
-def _dim(brightest: float) -> str:
-    return (
-        f'no level is above {brightest:.1%} of white, so that what is dimly lit has no points: '
-        'expose longer, or, if the camera has fewer bits, tell how many (bits, --encoding)'
-    )
+            words.append(
+                f'no level is above {self.brightest:.1%} of white, so that what is dimly lit has '
+                'no points: expose longer, or, if the camera has fewer bits, tell how many (bits, '
+                '--encoding)'
+            )
+        if not self.confirmed:
+            words.append(_UNCONFIRMED)
+        return tuple(words)

@@ -7,10 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +28,7 @@ _SKIN = ('skin', 'uchar')
 _TYPES = {'float': '<f4', 'ushort': '<u2', 'uchar': 'u1'}
 
 _END = re.compile(rb'^end_header\n', re.MULTILINE)
-_NO_GRID = 'not an organised cloud as ftp-dent writes it, with its grid: give one that is'
-_CUT = 'cut short or damaged: write it again'
+_WHOLE = re.compile('[0-9]{1,18}')
 #: What the comments begin with that name the points' frame, and the rig that measured them.
 FRAME = 'comment ftp_dent_ros, metres, frame '
 RIG = 'comment rig '
@@ -68,7 +64,7 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
         f'obj_info num_cols {columns}',
         f'obj_info num_rows {rows}',
         f'element vertex {len(vertex)}',
-        *(f'property {kind} {name}' for name, kind in properties),
+        *_told(properties),
         'end_header',
     ]
     try:
@@ -81,13 +77,13 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
         ) from None
 
 
-def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str]:
-    """Read a cloud that `write_ply` wrote, with its frame.
+def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str, str]:
+    """Read a cloud that `write_ply` wrote, with its frame and its rig.
 
     Returns
     -------
     cloud : Cloud
-    frame_id : str
+    frame_id, rig_id : str
         Empty if the file does not say it.
 
     Raises
@@ -96,37 +92,27 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str]:
         The file cannot be read, is cut short, has no grid or one that no camera has, or is a
         PLY of another layout; told by the header, before anything large is read or made.
     """
-    with _reading(path) as file:
-        lines = header_lines(file)
-        vertex, shape = _layout(lines)
-        size = os.fstat(file.fileno()).st_size - file.tell()
-        if size != vertex.itemsize * _count(lines, shape):
-            raise CloudError(_CUT)
-        return _cloud(np.frombuffer(file.read(), vertex), shape), _after(FRAME, lines)
-
-
-@contextmanager
-def _reading(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """The file, opened; what is wrong with it is said with its path."""
     try:
         with Path(path).open('rb') as file:
-            yield file
+            start = file.read(_LONGEST_HEADER)
+            end = _END.search(start)
+            if not end or not start.startswith(b'ply'):
+                raise CloudError('not a PLY file: give a cloud written by ftp-dent')
+            lines = start[: end.start()].decode('ascii', 'replace').splitlines()
+            vertex, count, shape = _layout(lines)
+            if os.fstat(file.fileno()).st_size - end.end() != vertex.itemsize * count:
+                raise CloudError('cut short or damaged: write it again')
+            file.seek(end.end())
+            cloud = _cloud(np.frombuffer(file.read(), vertex), shape)
     except OSError as reason:
         raise CloudError(f'{path}: cannot be read ({reason.strerror}): check the path') from None
     except CloudError as reason:
         raise CloudError(f'{path}: {reason}') from None
+    return cloud, _after(FRAME, lines), _after(RIG, lines)
 
 
-def rig_id_of(path: str | os.PathLike[str]) -> str:
-    """Id of the rig that measured a cloud, as its file says; empty if it does not.
-
-    Raises
-    ------
-    CloudError
-        The file cannot be read, or is no PLY.
-    """
-    with _reading(path) as file:
-        return _after(RIG, header_lines(file))
+def _told(properties: list[tuple[str, str]]) -> list[str]:
+    return [f'property {kind} {name}' for name, kind in properties]
 
 
 def _after(start: str, lines: list[str]) -> str:
@@ -135,66 +121,36 @@ def _after(start: str, lines: list[str]) -> str:
     return next(rests, '')
 
 
-def header_lines(file: BinaryIO) -> list[str]:
-    """Lines of the header; the file then stands behind it.
-
-    Raises
-    ------
-    CloudError
-        It is no PLY file.
-    """
-    start = file.read(_LONGEST_HEADER)
-    end = _END.search(start)
-    if not end or not start.startswith(b'ply'):
-        raise CloudError('not a PLY file: give a cloud written by ftp-dent')
-    file.seek(end.end())
-    return start[: end.start()].decode('ascii', 'replace').splitlines()
-
-
-def _layout(lines: list[str]) -> tuple[np.dtype, tuple[int, int]]:
-    """Type of a vertex, and rows and columns of the grid, of the lines of a header."""
+def _layout(lines: list[str]) -> tuple[np.dtype, int, tuple[int, int]]:
+    """Type of a vertex, how many there are, and rows and columns of the grid, of a header."""
     if lines[1:2] != [_FORMAT]:
         raise CloudError(f'its format is not "{_FORMAT}": give a cloud written by ftp-dent')
-    told = [line.split() for line in lines if line.startswith('property ')]
-    properties = [(words[-1], words[1]) for words in told if len(words) == 3]
-    if len(told) != len(properties) or properties not in (_PROPERTIES, [*_PROPERTIES, _SKIN]):
-        raise CloudError(_NO_GRID)
-    rows, columns = (_number(f'obj_info num_{name} ', lines) for name in ('rows', 'cols'))
-    return np.dtype([(name, _TYPES[kind]) for name, kind in properties]), (rows, columns)
-
-
-def _count(lines: list[str], shape: tuple[int, int]) -> int:
-    """How many vertices there are, which have to find room on the grid."""
-    count, (rows, columns) = _number('element vertex ', lines), shape
-    places = rows * columns
-    if min(rows, columns) < 1 or places > _MOST_POINTS or count > places:
+    properties = [*_PROPERTIES, _SKIN] if _told([_SKIN])[0] in lines else _PROPERTIES
+    told = [line for line in lines if line.startswith('property ')]
+    names = ('obj_info num_rows ', 'obj_info num_cols ', 'element vertex ')
+    numbers = [_after(name, lines) for name in names]
+    if told != _told(properties) or not all(map(_WHOLE.fullmatch, numbers)):
+        raise CloudError(
+            'not an organised cloud as ftp-dent writes it, with its grid: give one that is'
+        )
+    rows, columns, count = map(int, numbers)
+    # The vertices have to find room on the grid.
+    if min(rows, columns) < 1 or not count <= rows * columns <= _MOST_POINTS:
         raise CloudError(
             f'{count} points on a grid of {columns}x{rows}, which no camera has: write it again'
         )
-    return count
-
-
-def _number(start: str, lines: list[str]) -> int:
-    """The whole number that follows the beginning of a line."""
-    text = _after(start, lines)
-    if not re.fullmatch(r'[0-9]{1,18}', text):
-        raise CloudError(_NO_GRID)
-    return int(text)
+    return np.dtype([(name, _TYPES[kind]) for name, kind in properties]), count, (rows, columns)
 
 
 def _cloud(vertex: NDArray[np.void], shape: tuple[int, int]) -> Cloud:
     at = vertex['row'].astype(np.intp), vertex['column'].astype(np.intp)
     if any((index >= limit).any() for index, limit in zip(at, shape, strict=True)):
         raise CloudError('a point lies outside its grid: write it again')
-    points_of = np.stack([vertex[name] for name in 'xyz'], axis=-1)
-    points_of[~np.isfinite(points_of).all(axis=-1)] = np.nan
-    points = np.full((*shape, 3), np.nan, np.float32)
-    points[at] = points_of
-    values_of = {name: np.full(shape, np.nan, np.float32) for name in _FIELDS}
-    values_of['intensity'][:] = 0
-    for name in _FIELDS:
-        values_of[name][at] = vertex[name]
-    skin = np.zeros(shape, np.uint8)
-    if 'skin' in (vertex.dtype.names or ()):
-        skin[at] = vertex['skin']
-    return Cloud(points, **values_of, skin=skin)
+    grid = np.zeros(shape, vertex.dtype)
+    for name in ('x', 'y', 'z', 'sigma', 'resolution'):
+        grid[name] = np.nan
+    grid[at] = vertex
+    points = np.stack([grid[name] for name in 'xyz'], axis=-1)
+    points[~np.isfinite(points).all(axis=-1)] = np.nan
+    names = [*_FIELDS, *(['skin'] if 'skin' in (vertex.dtype.names or ()) else [])]
+    return Cloud(points, **{name: np.ascontiguousarray(grid[name]) for name in names})

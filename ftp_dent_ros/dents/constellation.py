@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from ftp_dent_ros.dents.dent import MeasuredDent, tangent_axes
 from ftp_dent_ros.dents.sightings import agreement, assigned, centre_deviations, coincidence
 from ftp_dent_ros.pose import IDENTITY, Pose
-from ftp_dent_ros.rigid import about, fit_move, move_about
+from ftp_dent_ros.rigid import about, fit_move
 
 #: Standard deviations that a pose may be off: chi of three axes that holds 99.7 %.
 GATE = 3.75
@@ -29,8 +29,8 @@ _TRIED = 400
 
 Field = NDArray[np.float64]
 
-# Part of a pose's error that the frame before had too: estimators drift, they do not jump.
-_SHARED = 0.8
+#: Part of a pose's error that the frame before had too: estimators drift, they do not jump.
+SHARED = 0.8
 
 
 def find_match(
@@ -195,27 +195,12 @@ def _area(places: Field) -> float:
     return float((sides[0] + spacing) * (sides[1] + spacing))
 
 
-def expected_move(error: NDArray[np.float64] | None, pivot: NDArray[np.float64]) -> Pose | None:
-    """Where a frame lies if its pose errs as the one before did; None where there is none before.
-
-    Parameters
-    ----------
-    error : ndarray, shape (6,), optional
-        Of the pose before: shift, metres, and turn, radians.
-    pivot : ndarray, shape (3,)
-        What the frame turns about, metres.
-    """
-    if error is None:
-        return None
-    return move_about(_SHARED * error, pivot) if error.any() else IDENTITY
-
-
 def groups_shown(
     dents: Sequence[MeasuredDent],
     known: Mapping[int, Sequence[MeasuredDent]],
     pivot: NDArray[np.float64],
     doubt: NDArray[np.float64],
-    expected: Pose | None,
+    expected: Pose,
 ) -> list[tuple[int, Pose]]:
     """Groups that a frame shows, and the move onto each, the surest first.
 
@@ -229,17 +214,16 @@ def groups_shown(
         What the frame turns about, metres.
     doubt : ndarray, shape (6, 6)
         Covariance of the frame's pose, as `DentList.add` takes it.
-    expected : Pose, optional
-        As of `expected_move`.
+    expected : Pose
+        Where the frame lies if its pose errs as the one before did.
     """
     # This pose errs nearly as the one before; or both err, each by itself.
-    ways = [(expected, (1 - _SHARED**2) * doubt)] if expected is not None else []
-    ways.append((IDENTITY, 2 * doubt))
+    ways = (expected, (1 - SHARED**2) * doubt), (IDENTITY, 2 * doubt)
     where = np.array([dent.position for each in known.values() for dent in each]).reshape(-1, 3)
     of_group = np.repeat(list(known), [len(each) for each in known.values()])
     found: dict[int, tuple[float, Pose]] = {}
     for start, spread in ways:
-        moved = dents if start is IDENTITY else [dent.transformed(start) for dent in dents]
+        moved = [dent.transformed(start) for dent in dents]
         near = _near(moved, where, pivot, spread)
         for group in np.unique(of_group[near]).tolist():
             match = find_match(moved, known[group], pivot, spread)

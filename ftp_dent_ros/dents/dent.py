@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -25,6 +24,9 @@ COVERAGE = 1.96
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
+Profile = NDArray[np.float64]
+# Their shapes in a file.
+_SHAPES = {'Vector': (3,), 'Points': (-1, 3), 'Profile': (-1, 2)}
 
 
 @dataclass(frozen=True)
@@ -134,8 +136,8 @@ class MeasuredDent:
     significance: float
     is_cut: bool
     outline: Points
-    length_profile: Points
-    width_profile: Points
+    length_profile: Profile
+    width_profile: Profile
     reason: str = ''
     clearance: float = float('inf')
 
@@ -168,10 +170,10 @@ class MeasuredDent:
         names : iterable of str
             Of `FIGURES`.
         """
-        record = {}
+        record: dict[str, float] = {}
         for name in names:
-            record[name] = self.figure(name).value
-            record[uncertain(name)] = self.figure(name).uncertainty
+            figure = self.figure(name)
+            record |= {name: figure.value, uncertain(name): figure.uncertainty}
         return record
 
     def figure(self, name: str) -> Estimate:
@@ -310,10 +312,8 @@ def dent_from_plain(record: dict[str, Any]) -> MeasuredDent:
         value = values[field.name]
         if field.type == 'Estimate':
             values[field.name] = Estimate(*value)
-        elif field.type in ('Vector', 'Points'):
-            shape = (-1, 2) if field.name.endswith('profile') else (-1, 3)
-            array = np.array(value, float)
-            values[field.name] = array if field.type == 'Vector' else array.reshape(shape)
+        elif field.type in _SHAPES:
+            values[field.name] = np.array(value, float).reshape(_SHAPES[field.type])
     return MeasuredDent(**values)
 
 
@@ -325,7 +325,7 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     centres = np.array([outline.mean(axis=0) for outline in outlines]).reshape(-1, 3)
     reach = np.array(
         [
-            math.sqrt(np.square(outline - centre).sum(axis=1).max())
+            np.linalg.norm(outline - centre, axis=1).max()
             for outline, centre in zip(outlines, centres, strict=True)
         ]
     )
@@ -335,16 +335,12 @@ def with_clearances(dents: Sequence[MeasuredDent]) -> tuple[MeasuredDent, ...]:
     bounds[:, ~limits] = math.inf
     np.fill_diagonal(bounds, math.inf)
 
-    @cache
-    def apart(one: int, other: int) -> float:
-        return math.sqrt(cdist(outlines[one], outlines[other], 'sqeuclidean').min())
-
     result = []
-    for index, (dent, bound) in enumerate(zip(dents, bounds, strict=True)):
+    for dent, outline, bound in zip(dents, outlines, bounds, strict=True):
         nearest = math.inf
         for other in np.argsort(bound):
             if bound[other] >= nearest:
                 break
-            nearest = min(nearest, apart(*sorted((index, int(other)))))
-        result.append(replace(dent, clearance=nearest))
+            nearest = min(nearest, cdist(outline, outlines[other]).min())
+        result.append(replace(dent, clearance=float(nearest)))
     return tuple(result)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from ftp_dent_ros.dents.constellation import GATE, expected_move, groups_shown
+from ftp_dent_ros.dents.constellation import GATE, SHARED, groups_shown
 from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
 from ftp_dent_ros.dents.glass import Glass, Spot
 from ftp_dent_ros.dents.sightings import (
@@ -22,8 +22,8 @@ from ftp_dent_ros.dents.sightings import (
     listed,
     sigmas_apart,
 )
-from ftp_dent_ros.pose import IDENTITY, Pose
-from ftp_dent_ros.rigid import about
+from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import about, move_about
 
 # Standard uncertainty of a pose whose covariance is not known (all zeros, in ROS): metres,
 # radians.
@@ -32,37 +32,25 @@ UNKNOWN_POSITION, UNKNOWN_ANGLE = 0.02, 0.01
 EXACT = np.eye(6) * 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """The middle of a frame's dents: where its pose has it, and where it was found to lie."""
-
-    group: int
-    stated: NDArray[np.float64]
-    found: NDArray[np.float64]
-
-
 class DentList:
     """Dents over the frames of a flight, in one frame of reference (``map``).
 
     A frame lies where its dents lie on those of a group, and the group where its frames' poses
     have it in the mean. Frames that show no known dent begin another group, until one joins both.
     What keeps its place in the picture while the camera moves is of a glass, and not in the list.
-
-    Parameters
-    ----------
-    first : int
-        Number of the first dent.
     """
 
-    def __init__(self, first: int = 1) -> None:
+    def __init__(self) -> None:
         #: What was added, where it lies now.
         self.clouds: list[SeenDents] = []
         self._entries: list[ListedDent] = []
-        self._stamps: set[int] = set()
-        self._numbers, self._groups = first - 1, 0
+        self._numbers = self._groups = 0
         self._begun: dict[tuple[int, int], int] = {}
-        self._error: NDArray[np.float64] | None = None
-        self._placed: list[_Placed] = []
+        # Of the last pose: shift, metres, and turn, radians.
+        self._error = np.zeros(6)
+        # Of each frame its group, and the middle of its dents: where its pose has it, and where it
+        # was found to lie.
+        self._placed: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
         self._glass = Glass()
 
     @property
@@ -83,37 +71,13 @@ class DentList:
 
     def _shift(self, group: int) -> NDArray[np.float64]:
         """From where a group lies to where its poses have it in the mean."""
-        off = [each.stated - each.found for each in self._placed if each.group == group]
+        off = [stated - found for member, stated, found in self._placed if member == group]
         return np.mean(off, axis=0) if off else np.zeros(3)
 
     def copy(self) -> DentList:
         """The same list, to go on from another time."""
         other = DentList()
         other.__dict__.update({name: copy(value) for name, value in self.__dict__.items()})
-        return other
-
-    def moved(self, move: Pose, clouds: Sequence[SeenDents]) -> DentList:
-        """The same list, moved as one.
-
-        Parameters
-        ----------
-        move : Pose
-        clouds : sequence of SeenDents
-            What it is made of, where that lies then.
-        """
-        other = self.copy()
-        other.clouds = list(clouds)
-        if move is IDENTITY:
-            return other
-        other._entries = [each.moved(move, each.group) for each in self._entries]
-        other._placed = [
-            _Placed(each.group, move.apply(each.stated), move.apply(each.found))
-            for each in self._placed
-        ]
-        other._glass = self._glass.moved(move)
-        if self._error is not None:
-            turned = move.rotation.apply(self._error.reshape(2, 3))
-            other._error = turned.ravel()
         return other
 
     def numbered_as(self, other: DentList) -> DentList:
@@ -128,7 +92,6 @@ class DentList:
         dents: Sequence[MeasuredDent],
         pose: Pose | None = None,
         covariance: NDArray[np.float64] | None = None,
-        repeats: Sequence[tuple[MeasuredDent, ...]] = (),
         stamp_ns: int | None = None,
     ) -> bool:
         """Add what one frame shows; False if it was added before.
@@ -145,20 +108,17 @@ class DentList:
             Of the pose, as in geometry_msgs/PoseWithCovariance (x, y, z, and rotations about
             the fixed axes); none or all zeros is unknown, and then `UNKNOWN_POSITION` and
             `UNKNOWN_ANGLE` are taken.
-        repeats : sequence of tuple of MeasuredDent, optional
-            For each dent its measurements on parts of the cloud.
         stamp_ns : int, optional
             Of the exposure: the same one is the same frame, whatever its number. The number by
             default.
         """
         stamp_ns = frame if stamp_ns is None else stamp_ns
-        if stamp_ns in self._stamps:
+        if any(each.stamp_ns == stamp_ns for each in self.clouds):
             return False
-        cloud = SeenDents(frame, dents, pose, covariance, repeats or [()] * len(dents), stamp_ns)
+        cloud = SeenDents(frame, dents, pose, covariance, stamp_ns)
         # What cannot be added changes nothing.
         after = self.copy()
         after._add(cloud)
-        after._stamps.add(stamp_ns)
         self.__dict__.update(after.__dict__)
         return True
 
@@ -172,7 +132,7 @@ class DentList:
             self._place(cloud)
             return
         # What is of a glass has had a say in where frames lie: once more without it.
-        self._entries, self._placed, self._groups, self._error = [], [], 0, None
+        self._entries, self._placed, self._groups, self._error = [], [], 0, np.zeros(6)
         for each in self.clouds:
             self._place(each)
 
@@ -182,43 +142,43 @@ class DentList:
         of_marks = self._glass.of_marks
         kept = [i for i in range(len(cloud.dents)) if (frame, i) not in of_marks]
         dents = [cloud.dents[index] for index in kept]
-        repeats = [cloud.repeats[index] for index in kept]
         pivot = np.zeros(3) if pose is None else pose.translation
         doubt = known_covariance(covariance)
-        expected = expected_move(self._error, pivot)
+        expected = move_about(SHARED * self._error, pivot)
         known: dict[int, list[MeasuredDent]] = {}
         for entry in self._entries:
             known.setdefault(entry.group, []).append(entry.dent)
         matches = groups_shown(dents, known, pivot, doubt, expected)
-        move = matches[0][1] if matches else IDENTITY if expected is None else expected
-        self._error = error_of(move, pivot)
-        seen = [
+        move = matches[0][1] if matches else expected
+        self._error = np.concatenate([move.apply(pivot) - pivot, move.rotation.as_rotvec()])
+        group = self._joined(matches)
+        sightings = [
             Sighting(
                 frame,
-                dent if move is IDENTITY else dent.transformed(move),
+                dent.transformed(move),
                 position_covariance(dent.position, pose, covariance),
-                tuple(again),
             )
-            for dent, again in zip(dents, repeats, strict=True)
+            for dent in dents
         ]
-        group = self._joined(matches)
         if len(dents):
             stated = np.mean([dent.position for dent in dents], axis=0)
-            self._placed.append(_Placed(group, stated, move.apply(stated)))
+            self._placed.append((group, stated, move.apply(stated)))
+        seen = [listed(0, (each,), group) for each in sightings]
+        self._merge(seen, group, [(frame, index) for index in kept])
+
+    def _merge(
+        self, seen: Sequence[ListedDent], group: int, first: Sequence[tuple[int, int]] = ()
+    ) -> None:
+        """Take in what is seen of a group; what begins a dent has its number by the frame's."""
         pairs = paired(seen, self._entries, group)
         for index, each in enumerate(seen):
             if index in pairs:
-                known_as = self._entries[pairs[index]]
-                self._entries[pairs[index]] = known_as.with_sightings([each])
-            else:
-                number = self._number(frame, kept[index])
-                self._entries.append(listed(number, (each,), group))
-
-    def _number(self, frame: int, index: int) -> int:
-        """Number of the dent that a frame's dent begins."""
-        number = self._begun.setdefault((frame, index), self._numbers + 1)
-        self._numbers = max(self._numbers, number)
-        return number
+                known = self._entries[pairs[index]]
+                self._entries[pairs[index]] = known.with_sightings(each.sightings)
+                continue
+            number = each.number or self._begun.setdefault(first[index], self._numbers + 1)
+            self._numbers = max(self._numbers, number)
+            self._entries.append(replace(each, number=number))
 
     def _joined(self, matches: list[tuple[int, Pose]]) -> int:
         """The group that a frame belongs to, after it has made one of all those that it shows."""
@@ -232,18 +192,10 @@ class DentList:
             moved = [e.moved(onto, group) for e in self._entries if e.group == other]
             self._entries = [e for e in self._entries if e.group != other]
             self._placed = [
-                _Placed(group, each.stated, onto.apply(each.found))
-                if each.group == other
-                else each
-                for each in self._placed
+                (group, stated, onto.apply(found)) if member == other else (member, stated, found)
+                for member, stated, found in self._placed
             ]
-            pairs = paired(moved, self._entries, group)
-            for index, each in enumerate(moved):
-                if index in pairs:
-                    known = self._entries[pairs[index]]
-                    self._entries[pairs[index]] = known.with_sightings(each.sightings)
-                else:
-                    self._entries.append(each)
+            self._merge(moved, group)
         return group
 
 
@@ -271,11 +223,6 @@ def known_covariance(covariance: NDArray[np.float64] | None) -> NDArray[np.float
     return np.reshape(covariance, (6, 6)) + np.diag([1e-3**2] * 3 + [5e-4**2] * 3)
 
 
-def error_of(move: Pose, pivot: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shift of the pivot, and turn about it, of a move: shape (6,)."""
-    return np.concatenate([move.apply(pivot) - pivot, move.rotation.as_rotvec()])
-
-
 @dataclass(frozen=True, eq=False)
 class SeenDents:
     """What one cloud shows.
@@ -288,8 +235,6 @@ class SeenDents:
         Where the pose puts them.
     pose : Pose, optional
     covariance : ndarray, shape (6, 6), optional
-    repeats : sequence of tuple of MeasuredDent
-        For each dent its measurements on parts of the cloud.
     stamp_ns : int
         Of the exposure, or its number.
     """
@@ -298,7 +243,6 @@ class SeenDents:
     dents: Sequence[MeasuredDent]
     pose: Pose | None
     covariance: NDArray[np.float64] | None
-    repeats: Sequence[tuple[MeasuredDent, ...]]
     stamp_ns: int
 
     @property
@@ -306,27 +250,26 @@ class SeenDents:
         """Of its dents, shape (n, 3)."""
         return np.array([dent.position for dent in self.dents]).reshape(-1, 3)
 
-    def placed(self, pose: Pose) -> SeenDents:
-        """The same where another pose puts it."""
-        if self.pose is None or pose is self.pose:
+    def placed(self, pose: Pose | None) -> SeenDents:
+        """The same where another pose puts it, if there is one."""
+        if pose is None or self.pose is None:
             return self
         move = pose @ self.pose.inverse()
         return replace(
             self,
             dents=[each.transformed(move) for each in self.dents],
             pose=pose,
-            repeats=[tuple(one.transformed(move) for one in each) for each in self.repeats],
         )
 
 
 def paired(
-    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent], group: int
+    seen: Sequence[ListedDent], entries: Sequence[ListedDent], group: int
 ) -> dict[int, int]:
     """Which entry each dent is that was seen, by their indices: one of the other at most.
 
     Parameters
     ----------
-    seen : sequence of Sighting or ListedDent
+    seen : sequence of ListedDent
         In their places in the group.
     entries : sequence of ListedDent
     group : int
@@ -348,7 +291,7 @@ def paired(
 
 
 def _misfits(
-    seen: Sequence[Sighting | ListedDent],
+    seen: Sequence[ListedDent],
     entries: Sequence[ListedDent],
     group: int,
     free: NDArray[np.float64],
@@ -379,16 +322,14 @@ def _misfits(
     ours, theirs = (np.stack([e.position_covariance for e in each]) for each in (seen, entries))
     spread = ours[i] + theirs[j] + np.square(own[i, j] / GATE)[:, None, None] * np.eye(3)
     misfits[i, j] = sigmas_apart(apart[i, j], spread) / GATE
-    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (dents, known)]
-    steps = [np.array([d.kind == 'step' for d in each]) for each in (dents, known)]
-    misfits[signs[0][:, None] * signs[1] < 0] = np.inf
-    misfits[steps[0][:, None] != steps[1]] = np.inf
+    # Neither inward and outward, nor a step and what is none.
+    depths, others = (np.array([d.depth.value for d in each]) for each in (dents, known))
+    steps, others_are = (np.array([d.kind == 'step' for d in each]) for each in (dents, known))
+    misfits[(depths[:, None] * others < 0) | (steps[:, None] != others_are)] = np.inf
     return misfits
 
 
-def _longest(
-    seen: Sequence[Sighting | ListedDent], entries: Sequence[ListedDent]
-) -> NDArray[np.float64]:
+def _longest(seen: Sequence[ListedDent], entries: Sequence[ListedDent]) -> NDArray[np.float64]:
     """The longer of each two lengths, metres; 0 where neither is known."""
     ours, theirs = (np.nan_to_num([e.dent.length.value for e in each]) for each in (seen, entries))
     return np.maximum(ours[:, None], theirs)

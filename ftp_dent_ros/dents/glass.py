@@ -136,13 +136,6 @@ class Glass:
             found |= mark.seen | {(int(of_frame), int(index)) for of_frame, index in through}
         return frozenset(found)
 
-    def moved(self, move: Pose) -> Glass:
-        """The same in a map that has been moved."""
-        spots = tuple(
-            replace(each, cameras=tuple(map(move.apply, each.cameras))) for each in self.spots
-        )
-        return replace(self, spots=spots, cameras=tuple(map(move.apply, self.cameras)))
-
     @cached_property
     def marks(self) -> tuple[Spot, ...]:
         """Places at which chance alone would not have shown so much."""

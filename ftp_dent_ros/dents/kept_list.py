@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.dents.dent import MeasuredDent, dent_from_plain, dent_to_plain
-from ftp_dent_ros.dents.dent_list import DentList, SeenDents
+from ftp_dent_ros.dents.dent_list import DentList
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import ConfigurationError, PoseError
-from ftp_dent_ros.pose import IDENTITY, Pose
+from ftp_dent_ros.pose import Pose
 
 # A state of the list is kept before every so many frames: to begin a correction there.
 _EVERY = 8
@@ -44,10 +43,10 @@ class KeptList:
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None) -> None:
-        self._journal = Journal(path) if path else None
+        self._path = Path(path) if path else None
         self._forget()
         poses: dict[int, Pose] = {}
-        for number, line in enumerate(self._journal.lines if self._journal else (), start=1):
+        for number, line in enumerate(_lines(self._path) if self._path else (), start=1):
             try:
                 record = json.loads(line)
                 if 'corrected' in record:
@@ -98,23 +97,16 @@ class KeptList:
             It cannot be kept on disk; it is in the list all the same.
         """
         self._take(frame_id, stamp_ns, dents, pose, covariance)
-        if self._journal:
-            self._journal.append(
-                {
-                    'frame_id': frame_id,
-                    'stamp_ns': stamp_ns,
-                    **_plain(pose),
-                    'covariance': np.ravel(covariance).tolist(),
-                    'dents': [dent_to_plain(dent) for dent in dents],
-                }
-            )
+        if self._path:
+            record = {'frame_id': frame_id, 'stamp_ns': stamp_ns, **_plain(pose)}
+            record['covariance'] = np.ravel(covariance).tolist()
+            _append(self._path, record | {'dents': [dent_to_plain(dent) for dent in dents]})
 
     def correct(self, frame_id: str, poses: Mapping[int, Pose]) -> bool:
         """Put clouds where their cameras are found to have been; whether that changes anything.
 
-        What moves as one is moved, and the list made again from the first cloud on that lies
-        elsewhere among those before it. What begins a dent keeps its number, and the number of
-        what turns out to be another dent is gone.
+        The list is made again from the first cloud on that lies elsewhere. What begins a dent
+        keeps its number, and the number of what turns out to be another dent is gone.
 
         Parameters
         ----------
@@ -133,16 +125,16 @@ class KeptList:
         if self.frame_id and frame_id != self.frame_id:
             raise _other_frame('the path is', frame_id, self.frame_id)
         corrected = self._replace(poses)
-        if corrected and self._journal:
+        if corrected and self._path:
             entries = [{'stamp_ns': stamp, **_plain(pose)} for stamp, pose in corrected.items()]
-            self._journal.append({'corrected': entries})
+            _append(self._path, {'corrected': entries})
         return bool(corrected)
 
     def clear(self) -> None:
         """Forget all, on disk too; raises OSError if that cannot be."""
         self._forget()
-        if self._journal:
-            self._journal.clear()
+        if self._path:
+            os.truncate(self._path, 0)
 
     @property
     def entries(self) -> tuple[ListedDent, ...]:
@@ -155,8 +147,8 @@ class KeptList:
 
     def _forget(self) -> None:
         self._list = DentList()
-        # Its states before some clouds, and how all has been moved since.
-        self._before: list[tuple[DentList, Pose]] = []
+        # Its states before some clouds.
+        self._before: list[DentList] = []
         self.frame_id, self.stamp_ns = '', 0
 
     @property
@@ -167,34 +159,25 @@ class KeptList:
     def _replace(self, poses: Mapping[int, Pose]) -> dict[int, Pose]:
         """Place clouds anew; the poses that are used of those given."""
         clouds = self._list.clouds
-        used = {
-            each.stamp_ns: poses[each.stamp_ns]
-            for each in clouds
-            if each.stamp_ns in poses
-            and _is_off(each.places, each.placed(poses[each.stamp_ns]).places)
-        }
-        if not used:
-            return used
-        there = [
-            each.placed(used[each.stamp_ns]) if each.stamp_ns in used else each for each in clouds
+        moved = [each.placed(poses.get(each.stamp_ns)) for each in clouds]
+        # No pose is better, metres: its cloud stays where it is.
+        off = [
+            bool((np.linalg.norm(new.places - old.places, axis=1) > 1e-3).any())
+            for old, new in zip(clouds, moved, strict=True)
         ]
-        # Either the first ones stay where they are, or all move as one.
-        move, same = max(
-            ((move, _unmoved(clouds, there, move)) for move in (IDENTITY, _common(clouds, there))),
-            key=lambda each: each[1],
-        )
-        if same == len(there):
-            self._list = self._list.moved(move, there)
-            self._before = [(each, move @ moved) for each, moved in self._before]
-            return used
-        first = same // _EVERY
-        start, moved = self._before[first]
-        start = start.moved(move @ moved, there[: first * _EVERY])
-        self._list = start.numbered_as(self._list)
-        self._before = [(each, move @ moved) for each, moved in self._before[:first]]
+        if not any(off):
+            return {}
+        there = [new if away else old for old, new, away in zip(clouds, moved, off, strict=True)]
+        first = off.index(True) // _EVERY
+        self._list = self._before[first].numbered_as(self._list)
+        del self._before[first:]
         for each in there[first * _EVERY :]:
             self._add(each.stamp_ns, each.dents, each.pose, each.covariance)
-        return used
+        return {
+            each.stamp_ns: poses[each.stamp_ns]
+            for each, away in zip(there, off, strict=True)
+            if away
+        }
 
     def _add(
         self,
@@ -207,7 +190,7 @@ class KeptList:
         before = self._list.copy() if number % _EVERY == 1 else None
         is_new = self._list.add(number, dents, pose, covariance, stamp_ns=stamp_ns)
         if is_new and before is not None:
-            self._before.append((before, IDENTITY))
+            self._before.append(before)
         return is_new
 
     def _take(
@@ -237,52 +220,28 @@ def _other_frame(what: str, frame_id: str, own: str) -> PoseError:
     )
 
 
-class Journal:
-    """Records in a file, a line each.
+def _lines(path: Path) -> list[bytes]:
+    """Records of a file, which is made if it is not there; one that a crash cut short is gone."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+        *lines, last = path.read_bytes().split(b'\n')
+    except OSError as reason:
+        raise ConfigurationError(
+            f'{path}: the list cannot be kept there ({reason.strerror}): name another file'
+        ) from None
+    if last:
+        # The next entry must not be joined to it.
+        os.truncate(path, sum(len(line) + 1 for line in lines))
+    return lines
 
-    One is on disk before `append` returns. One that a crash has cut short is left out.
 
-    Parameters
-    ----------
-    path : path-like
-        Made if it is not there.
-
-    Attributes
-    ----------
-    lines : list of bytes
-        What the file held when it was opened.
-
-    Raises
-    ------
-    ConfigurationError
-        The file cannot be read or written.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.touch()
-            *self.lines, last = self.path.read_bytes().split(b'\n')
-        except OSError as reason:
-            raise ConfigurationError(
-                f'{self.path}: the list cannot be kept there ({reason.strerror}): '
-                'name another file'
-            ) from None
-        if last:
-            # Cut short: the next entry must not be joined to it.
-            os.truncate(self.path, sum(len(line) + 1 for line in self.lines))
-
-    def append(self, record: dict[str, Any]) -> None:
-        """Write what is new; raises OSError if it cannot be."""
-        with self.path.open('ab') as file:
-            file.write(json.dumps(record).encode() + b'\n')
-            file.flush()
-            os.fsync(file.fileno())
-
-    def clear(self) -> None:
-        """Forget all; raises OSError if it cannot be."""
-        os.truncate(self.path, 0)
+def _append(path: Path, record: dict[str, Any]) -> None:
+    """Write a line, which is on disk then; raises OSError if it cannot be."""
+    with path.open('ab') as file:
+        file.write(json.dumps(record).encode() + b'\n')
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _plain(pose: Pose) -> dict[str, Any]:
@@ -294,29 +253,3 @@ def _plain(pose: Pose) -> dict[str, Any]:
 
 def _pose(record: dict[str, Any]) -> Pose:
     return Pose.from_quaternion(record['orientation_xyzw'], record['position'])
-
-
-def _is_off(places: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
-    """Whether some of a cloud's dents lie elsewhere, and its frame is to be placed anew."""
-    # No pose is better, metres.
-    return bool((np.linalg.norm(places - others, axis=1) > 1e-3).any())
-
-
-def _common(before: Sequence[SeenDents], after: Sequence[SeenDents]) -> Pose:
-    """The move that carries all dents as one, in the mean."""
-    old, new = (np.concatenate([each.places for each in clouds]) for clouds in (before, after))
-    middle, there = old.mean(axis=0), new.mean(axis=0)
-    # A turn that nothing tells is none.
-    held = 1e-3 * np.eye(3)
-    turn, _ = Rotation.align_vectors(
-        np.concatenate([new - there, held]), np.concatenate([old - middle, held])
-    )
-    return Pose(turn, there - turn.apply(middle))
-
-
-def _unmoved(before: Sequence[SeenDents], after: Sequence[SeenDents], move: Pose) -> int:
-    """How many of the first clouds a move of all puts where they are to be."""
-    for index, (old, new) in enumerate(zip(before, after, strict=True)):
-        if _is_off(move.apply(old.places), new.places):
-            return index
-    return len(before)

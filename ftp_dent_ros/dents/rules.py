@@ -74,11 +74,8 @@ class Limit:
     @property
     def text(self) -> str:
         """The limit as people write it."""
-        words = []
-        if math.isfinite(self.minimum):
-            words.append(f'at least {self.minimum:g}')
-        if math.isfinite(self.maximum):
-            words.append(f'at most {self.maximum:g}')
+        ends = ('at least', self.minimum), ('at most', self.maximum)
+        words = [f'{word} {value:g}' for word, value in ends if math.isfinite(value)]
         within = f' within {self.area_m2:g} m2' if self.measure == _DENSITY else ''
         return ', '.join(words) + within
 
@@ -158,8 +155,6 @@ def _finding(limit: Limit, dent: MeasuredDent, dents: Sequence[MeasuredDent]) ->
 def _verdict(limit: Limit, value: float, sigma: float) -> str:
     """Within or beyond the limit with the whole 95 % interval, or neither."""
     low, high = value - COVERAGE * sigma, value + COVERAGE * sigma
-    if value == math.inf:
-        low = high = value
     if high < limit.minimum or low > limit.maximum:
         return EXCEEDS
     if low >= limit.minimum and high <= limit.maximum:

@@ -38,14 +38,11 @@ class Sighting:
         In the list's frame of reference.
     position_covariance : ndarray, shape (3, 3)
         Of its position in that frame, square metres: what the pose leaves open.
-    repeats : tuple of MeasuredDent
-        The same dent measured on parts of the same cloud.
     """
 
     frame: int
     dent: MeasuredDent
     position_covariance: NDArray[np.float64]
-    repeats: tuple[MeasuredDent, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +91,11 @@ class ListedDent:
     @property
     def reason(self) -> str:
         """What is in doubt of the dent, and whether it may have two numbers."""
-        if not self.maybe:
-            return self.dent.reason
-        others = ' or '.join(map(str, self.maybe))
         twice = (
-            f'may be the same as number {others}: only the poses tell how these parts of the '
-            'flight lie to each other'
+            f'may be the same as number {" or ".join(map(str, self.maybe))}: only the poses tell '
+            'how these parts of the flight lie to each other'
         )
-        return '; '.join(filter(None, (self.dent.reason, twice)))
+        return '; '.join(filter(None, (self.dent.reason, twice if self.maybe else '')))
 
 
 def listed(number: int, sightings: tuple[Sighting, ...], group: int = 0) -> ListedDent:
@@ -159,10 +153,8 @@ def combined(estimates: Sequence[Estimate]) -> Estimate:
     if not known.any():
         return Estimate(float('nan'), float('nan'))
     values, sigma = values[known], sigma[known]
-    if not (np.isfinite(sigma) & (sigma > 0)).all():
-        spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else float('nan')
-        return Estimate(float(values.mean()), float(spread))
-    weights = sigma**-2.0
+    # What states no uncertainty weighs as much as others that state none.
+    weights = np.maximum(sigma, 1e-15) ** -2.0
     mean = float(np.average(values, weights=weights))
     stated, scatter = 1 / weights.mean(), 0.0
     if len(values) > 1:
@@ -178,18 +170,19 @@ def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64
 
 def _without_curves(item: Sighting) -> Sighting:
     """A long flight has many sightings, and only the best one's curves are shown."""
-    none: Any = np.zeros((0, 3)), np.zeros((0, 2))
-    dent = replace(item.dent, outline=none[0], length_profile=none[1], width_profile=none[1])
-    return replace(item, dent=dent)
+    none = np.zeros((0, 2))
+    bare = replace(item.dent, outline=np.zeros((0, 3)), length_profile=none, width_profile=none)
+    return replace(item, dent=bare)
 
 
 def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
     """Chi-square of the sizes' differences; infinite where they cannot be the same."""
-    result = np.zeros((len(seen), len(known)))
-    signs = [np.array([np.sign(d.depth.value) for d in each]) for each in (seen, known)]
-    result[signs[0][:, None] != signs[1]] = np.inf
-    steps = [np.array([d.kind == 'step' for d in each]) for each in (seen, known)]
-    result[steps[0][:, None] | steps[1]] = np.inf
+    # A step is no other's like.
+    ours, theirs = (
+        np.array([math.nan if d.kind == 'step' else np.sign(d.depth.value) for d in each])
+        for each in (seen, known)
+    )
+    result = np.where(ours[:, None] == theirs, 0.0, np.inf)
     for name in ('depth', 'length', 'width'):
         difference, spread, _ = _compared(name, seen, known)
         off = difference / spread

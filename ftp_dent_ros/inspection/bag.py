@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
-from ftp_dent_ros.dents.dent import Inspection, SmallestDent
+from ftp_dent_ros.cloud.coverage import Coverage
+from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.dents.rules import Rules
-from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.inspection.inspecting import (
     CloudInspector,
     Inspect,
@@ -41,8 +40,6 @@ def survey_bag(
     rules: Rules | None = None,
     settings: SmallestDent | None = None,
     progress: Callable[[], Any] = lambda: None,
-    prepared: Callable[[BagCloud], BagCloud] | None = None,
-    completed: Callable[[BagCloud, Inspection], Inspection | None] = lambda item, found: found,
     each: Each = map,
 ) -> InspectionReport:
     """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
@@ -60,11 +57,6 @@ def survey_bag(
     settings : SmallestDent, optional
     progress : callable
         Called after each cloud.
-    prepared : callable, optional
-        Gives a cloud as it is to be inspected, with what others tell of its place: then clouds
-        are no measurements by themselves, of whose repeatability anything could be said.
-    completed : callable
-        Gives the whole inspection of such a cloud, from its own.
     each : callable
         As `map`: where clouds are inspected, and how many of them at once.
 
@@ -81,42 +73,29 @@ def survey_bag(
         No cloud in it could be inspected.
     """
     count, tagged = count_clouds(bag)
-    repeat = tagged and prepared is None
-    survey = CloudInspector(inspect, count, repeat=repeat, placed=tagged, settings=settings)
+    inspector = CloudInspector(inspect, count, placed=tagged, settings=settings)
+    covered = coverages_of(bag)
     frame_id, in_camera = '', True
     skipped: list[SkippedMessage] = []
     read: deque[tuple[BagCloud, SeenCloud]] = deque()
 
     def tasks() -> Iterator[Task]:
         for item in bag_clouds(bag, skipped.append):
-            item = item if prepared is None else prepared(item)
-            observation = _observation(item)
-            read.append((item, observation))
-            yield survey.task(observation)
+            seen = seen_cloud(item, covered)
+            read.append((item, seen))
+            yield seen.cloud, seen.viewpoint
 
-    for inspected in each(survey.inspect, tasks()):
-        item, observation = read.popleft()
-        if inspected.found is not None:
-            inspected = replace(inspected, found=completed(item, inspected.found))
-        survey.take(observation, inspected)
+    for inspected in each(inspector.inspect, tasks()):
+        item, seen = read.popleft()
+        inspector.take(seen, inspected)
         frame_id, in_camera = item.frame_id, in_camera and item.in_camera
         progress()
-    report = survey.report(str(bag.path), frame_id, rig, camera if in_camera else None, rules)
-    if not report.frames:
-        reasons = [*survey.refused, *map(str, skipped)]
-        reason = f' ({reasons[0]})' if reasons else ''
-        raise CloudError(
-            f'{bag.path}: no cloud in it could be inspected{reason}: check the clouds'
-        )
-    covered = coverages_of(bag)
-    frames = tuple(
-        frame if frame.stamp_ns is None else replace(frame, coverage=covered.get(frame.stamp_ns))
-        for frame in report.frames
-    )
-    return replace(report, frames=frames, skipped=tuple(map(str, skipped)))
+    camera = camera if in_camera else None
+    return inspector.report(str(bag.path), frame_id, rig, camera, rules, map(str, skipped))
 
 
-def _observation(item: BagCloud) -> SeenCloud:
+def seen_cloud(item: BagCloud, covered: Mapping[int, Coverage]) -> SeenCloud:
+    """A cloud of a bag as it is inspected, with its coverage of all by their stamps."""
     return SeenCloud(
         name=f'{item.stamp_ns / 1e9:.3f} s',
         cloud=item.cloud,
@@ -125,5 +104,6 @@ def _observation(item: BagCloud) -> SeenCloud:
         pose=IDENTITY if item.pose is None else item.pose,
         vehicle=item.vehicle,
         covariance=item.covariance,
+        coverage=covered.get(item.stamp_ns),
         photograph=item.photograph,
     )

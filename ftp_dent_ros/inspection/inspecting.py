@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud, check_resolution
 from ftp_dent_ros.cloud.coverage import Coverage
-from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
+from ftp_dent_ros.dents.dent import Inspection, SmallestDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.errors import FtpDentError
-from ftp_dent_ros.inspection.repeatability import halves, repeats_of, study
+from ftp_dent_ros.errors import CloudError, FtpDentError
 from ftp_dent_ros.inspection.report import (
     DrawnCloud,
     InspectionReport,
-    Mesh,
     ReportedCloud,
     away_from_camera,
     findable_shares,
+    mesh_of,
 )
 from ftp_dent_ros.pages.drawing import jpeg
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rig.rig import Lens
+from ftp_dent_ros.robust import median
 
 Inspect = Callable[..., Inspection]
+#: A cloud, and from where it was seen in its own frame (metres): plain data, that another process
+#: can be given.
+Task = tuple[Cloud, ArrayLike]
 
 
 class CloudInspector:
@@ -45,8 +45,6 @@ class CloudInspector:
         `ftp_dent_ros.inspection.measuring.inspection.inspect`.
     clouds : int
         How many clouds are about to come, to share the 3-D view's points between them.
-    repeat : bool
-        Whether some clouds are measured again in two halves, for the gauge study.
     placed : bool
         Whether all clouds' poses are known, so that a dent can be seen again.
     settings : SmallestDent, optional
@@ -56,18 +54,13 @@ class CloudInspector:
         self,
         inspect: Inspect,
         clouds: int = 1,
-        repeat: bool = False,
         placed: bool = True,
         settings: SmallestDent | None = None,
     ) -> None:
         self._settings = settings or SmallestDent()
         #: Inspects a task, in whatever process.
         self.inspect = partial(inspected, inspect, self._settings)
-        self._repeat, self._placed = repeat, placed
-        # Clouds whose halves are measured too, evenly over the flight: with a few dents in each
-        # they give some 25 degrees of freedom, so the gauge study's standard deviations to a
-        # seventh.
-        self._every, self._come = math.ceil(max(clouds, 1) / 10), 0
+        self._placed = placed
         # Of the 3-D view: in one cloud, and in all of them.
         self._vertices = max(400, min(16_000, 120_000 // max(clouds, 1)))
         self._lists: list[DentList] = []
@@ -82,39 +75,29 @@ class CloudInspector:
         Inspection or None
             In the cloud's own frame.
         """
-        return self.take(observation, self.inspect(self.task(observation)))
-
-    def task(self, observation: SeenCloud) -> Task:
-        """What is to be inspected of the next cloud."""
-        in_halves = self._repeat and not self._come % self._every
-        self._come += 1
-        return Task(observation.cloud, observation.viewpoint, in_halves)
+        return self.take(observation, self.inspect((observation.cloud, observation.viewpoint)))
 
     def take(self, observation: SeenCloud, inspected: Inspected) -> Inspection | None:
         """Keep what came of a cloud's task; as `add` does. In the order of the tasks."""
-        found, again = inspected.found, inspected.again
+        found = inspected.found
         if found is None:
             self.refused.append(f'{observation.name}: {inspected.reason}')
             return None
         number = len(self._frames) + 1
         dents = (*found.dents, *found.others)
-        covariance = observation.covariance
-        if covariance is None or not np.any(covariance):
-            covariance = None
         if not (self._placed and self._lists):
-            self._lists.append(DentList(first=len(self._entries()) + 1))
+            self._lists.append(DentList())
         is_new = self._lists[-1].add(
             number,
             [dent.transformed(observation.pose) for dent in dents],
             observation.vehicle,
-            EXACT if observation.vehicle is None else covariance,
-            repeats_of(dents, again) if again else (),
+            EXACT if observation.vehicle is None else observation.covariance,
             observation.stamp_ns,
         )
         if not is_new:
             self.refused.append(f'{observation.name}: the same cloud once more: counted once')
             return None
-        self._frames.append(_frame(number, observation, covariance, found, self._vertices))
+        self._frames.append(_frame(number, observation, found, self._vertices))
         self._keep_views(observation, found)
         return found
 
@@ -125,40 +108,69 @@ class CloudInspector:
         rig: tuple[str, str] = ('', ''),
         camera: Lens | None = None,
         rules: Rules | None = None,
+        skipped: Iterable[str] = (),
     ) -> InspectionReport:
-        """What was found, with the calibration's name and id and the user's limits."""
-        entries = _renumbered(self._entries())
-        several = len(self._frames) > 1
+        """What was found.
+
+        Parameters
+        ----------
+        source, frame_id : str
+        rig : (str, str)
+            The calibration's name and id.
+        camera : Lens, optional
+            Of that rig.
+        rules : Rules, optional
+            The user's limits.
+        skipped : iterable of str
+            Messages of a bag that could not be used.
+
+        Raises
+        ------
+        CloudError
+            No cloud could be inspected.
+        """
+        skipped, several = tuple(skipped), len(self._frames) > 1
+        if not self._frames:
+            reason = ''.join(f' ({each})' for each in [*self.refused, *skipped][:1])
+            raise CloudError(
+                f'{source}: no cloud in it could be inspected{reason}: check the clouds'
+            )
+        marks = [mark for each in self._lists for mark in each.glass]
+        remarks = [sentence(marks)] if marks else []
+        if several and not self._placed:
+            remarks.append(
+                'no poses tell how the clouds lie: each is listed by itself, and what several '
+                'show counts several times; `ftp-dent survey` joins them by the skin they share'
+            )
         return InspectionReport(
             source=source,
             frame_id=frame_id,
             frames=tuple(self._frames),
-            entries=entries,
-            version=__version__,
-            written_ns=time.time_ns(),
+            entries=self._entries(),
             settings=self._settings,
             rig_name=rig[0],
             rig_id=rig[1],
             camera=camera,
             rules=rules,
-            repeatability=study(entries) if several and self._repeat and self._placed else (),
             refused=tuple(self.refused),
+            skipped=skipped,
             placed=self._placed,
-            remarks=self._remarks(),
+            remarks=tuple(remarks),
         )
 
-    def _remarks(self) -> tuple[str, ...]:
-        marks = tuple(mark for each in self._lists for mark in each.glass)
-        remarks = [sentence(marks)] if marks else []
-        if not self._placed and len(self._frames) > 1:
-            remarks.append(
-                'no poses tell how the clouds lie: each is listed by itself, and what several '
-                'show counts several times; `ftp-dent survey` joins them by the skin they share'
-            )
-        return tuple(remarks)
-
     def _entries(self) -> tuple[ListedDent, ...]:
-        return tuple(entry for each in self._lists for entry in each.entries)
+        """Numbered from 1, the deepest dent first, what is no dent after them."""
+        entries = [(k, e) for k, each in enumerate(self._lists) for e in each.entries]
+        entries.sort(key=lambda item: (item[1].dent.kind != 'dent', -item[1].dent.depth.value))
+        numbers = {(k, entry.number): i for i, (k, entry) in enumerate(entries, start=1)}
+        return tuple(
+            replace(
+                entry,
+                number=numbers[k, entry.number],
+                maybe=tuple(sorted(numbers[k, other] for other in entry.maybe)),
+            )
+            for k, entry in entries
+        )
 
     def _keep_views(self, observation: SeenCloud, found: Inspection) -> None:
         """Keep the maps of the frames alone that show some dent best, the last one's too."""
@@ -175,43 +187,22 @@ class CloudInspector:
         ]
 
 
-def _renumbered(entries: Sequence[ListedDent]) -> tuple[ListedDent, ...]:
-    """From 1, the deepest dent first, what is no dent after them."""
-    in_order = sorted(entries, key=lambda e: (e.dent.kind != 'dent', -e.dent.depth.value))
-    numbers = {entry.number: i for i, entry in enumerate(in_order, start=1)}
-    return tuple(
-        replace(
-            entry,
-            number=numbers[entry.number],
-            maybe=tuple(sorted(numbers[each] for each in entry.maybe)),
-        )
-        for entry in in_order
-    )
-
-
-def _frame(
-    number: int,
-    observation: SeenCloud,
-    covariance: NDArray[np.float64] | None,
-    found: Inspection,
-    vertices: int,
-) -> ReportedCloud:
-    cloud = observation.cloud
-    noise = found.noise[np.isfinite(found.noise)]
+def _frame(number: int, observation: SeenCloud, found: Inspection, vertices: int) -> ReportedCloud:
+    cloud, covariance = observation.cloud, observation.covariance
     return ReportedCloud(
         number=number,
         name=observation.name,
         stamp_ns=observation.stamp_ns,
         area=_area(cloud.points),
-        noise=float(np.median(noise)) if len(noise) else float('nan'),
+        noise=median(found.noise[np.isfinite(found.noise)]),
         findable=findable_shares(found.findable),
         waviness=found.waviness,
         dents=len(found.dents),
         others=len(found.others),
         has_skin=bool(cloud.skin.any()),
-        mesh=Mesh.of(cloud.points, found.deviation, observation.pose, vertices),
+        mesh=mesh_of(cloud.points, found.deviation, observation.pose, vertices),
         pose=observation.vehicle,
-        covariance=covariance,
+        covariance=None if covariance is None or not covariance.any() else covariance,
         coverage=observation.coverage,
     )
 
@@ -234,24 +225,6 @@ def _area(points: NDArray[np.float32]) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """A cloud to inspect: plain data, that another process can be given.
-
-    Attributes
-    ----------
-    cloud : Cloud
-    viewpoint : array_like, shape (3,)
-        From where it was seen, in its own frame, metres.
-    in_halves : bool
-        Whether its halves are measured too, for the gauge study.
-    """
-
-    cloud: Cloud
-    viewpoint: ArrayLike
-    in_halves: bool
-
-
-@dataclass(frozen=True, eq=False)
 class Inspected:
     """What came of a task.
 
@@ -259,25 +232,19 @@ class Inspected:
     ----------
     found : Inspection, optional
         In the cloud's own frame; None if it cannot be inspected.
-    again : tuple of tuples of MeasuredDent
-        Of each of its halves.
     reason : str
         Why it cannot be inspected.
     """
 
     found: Inspection | None = None
-    again: tuple[tuple[MeasuredDent, ...], ...] = ()
     reason: str = ''
 
 
 def inspected(inspect: Inspect, settings: SmallestDent, task: Task) -> Inspected:
-    """Inspect a cloud and, if that is asked for, its halves."""
+    """Inspect a cloud."""
+    cloud, viewpoint = task
     try:
-        found = inspect(check_resolution(task.cloud), settings=settings, viewpoint=task.viewpoint)
-        again = []
-        for half in halves(task.cloud) if task.in_halves else ():
-            other = inspect(half, settings=settings, viewpoint=task.viewpoint)
-            again.append((*other.dents, *other.others))
+        found = inspect(check_resolution(cloud), settings=settings, viewpoint=viewpoint)
     except FtpDentError as error:
         return Inspected(reason=str(error))
     except Exception as error:
@@ -286,7 +253,7 @@ def inspected(inspect: Inspect, settings: SmallestDent, task: Task) -> Inspected
             reason='could not be inspected, by a defect of the software '
             f'({type(error).__name__}: {error}): report it with the cloud'
         )
-    return Inspected(found, tuple(again))
+    return Inspected(found)
 
 
 @dataclass(frozen=True, eq=False)

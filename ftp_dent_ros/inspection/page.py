@@ -11,18 +11,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
 from ftp_dent_ros.dents.rules import EXCEEDS, UNDECIDED, WITHIN, Judgement, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.files import write_all_atomically
 from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
 from ftp_dent_ros.inspection.records import csv_text, report_record
-from ftp_dent_ros.inspection.report import DrawnCloud, InspectionReport, ReportedCloud
+from ftp_dent_ros.inspection.report import (
+    DrawnCloud,
+    InspectionReport,
+    ReportedCloud,
+    away_from_camera,
+)
 from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import deviation_of, interval, iso_time, position_interval
@@ -67,7 +72,6 @@ def page(report: InspectionReport) -> str:
         others=[_dent(entry, (), limit) for entry in report.others],
         frames=[pictures_of(frame, report, limit) for frame in report.frames if frame.view],
         seen=[_seen(frame) for frame in report.frames],
-        repeatability=[_repeatability(each) for each in report.repeatability],
         several=len(report.frames) > 1,
         rules=report.rules,
         scale=drawing.depth_scale(limit),
@@ -146,12 +150,6 @@ def _finding(finding: Judgement) -> dict[str, str]:
     }
 
 
-def _repeatability(each: Any) -> list[str]:
-    spreads = (each.within, each.between, each.total)
-    figures = ['–' if math.isnan(value) else f'{value * 1e3:.3f}' for value in spreads]
-    return [each.quantity, str(each.dents), str(each.frames), *figures]
-
-
 def _seen(frame: ReportedCloud) -> list[str]:
     pose = frame.pose
     place = '–' if pose is None else ', '.join(f'{value:.3f}' for value in pose.translation)
@@ -195,7 +193,7 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
         ('Rig', rig or 'not known'),
         ('Positions in', report.frame_id),
         ('Pose', _pose(frames)),
-        ('Software', f'ftp_dent_ros {report.version}'),
+        ('Software', f'ftp_dent_ros {__version__}'),
         ('Report written', iso_time(report.written_ns)),
     ]
     facts += [('Note', each) for each in report.remarks]
@@ -275,7 +273,8 @@ def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) ->
     ]
     rows, columns = view.deviation.shape
     lines = [entry.dent.closed_outline for entry in shown]
-    places = [on_grid(line, view) for line in lines]
+    ends = np.cumsum([len(line) for line in lines])[:-1]
+    places = np.split(on_grid(np.concatenate(lines), view), ends) if lines else []
     heat = [_outline(entry, place) for entry, place in zip(shown, places, strict=True)]
     photograph = None
     if view.photograph is not None:
@@ -293,7 +292,7 @@ def pictures_of(frame: ReportedCloud, report: InspectionReport, limit: float) ->
         'title': frame.name if frame.stamp_ns is None else iso_time(frame.stamp_ns),
         'shows': ', '.join(str(entry.number) for entry in shown),
         'heat': {
-            'data': drawing.heat_map(view.deviation, limit),
+            'data': drawing.png(drawing.deviation_colours(view.deviation, limit)),
             'width': columns,
             'height': rows,
             'outlines': heat,
@@ -334,19 +333,25 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
         # Each is where its camera was: one is shown.
         frames = tuple(frame for frame in frames if frame.view)[:1]
     shown = {frame.number for frame in frames}
-    found = [frame.mesh.points[np.isfinite(frame.mesh.points).all(-1)] for frame in frames]
-    every = np.concatenate([np.zeros((0, 3), np.float32), *found]).astype(float)
-    if not len(every):
+    grids = [frame.mesh for frame in frames if np.isfinite(frame.mesh).any()]
+    if not grids:
         return {'meshes': []}
+    every = np.concatenate([grid[np.isfinite(grid[..., 0]), :3] for grid in grids]).astype(float)
     origin = (every.min(axis=0) + every.max(axis=0)) / 2
-    inward = _mean([frame.mesh.inward for frame in frames])
-    down = _mean([np.diff(frame.mesh.points, axis=0) for frame in frames])
-    meshes = [frame.mesh.packed(origin) for frame in frames]
+    inward = [away_from_camera(grid[..., :3]) for grid in grids]
     return {
-        'meshes': [mesh for mesh in meshes if mesh],
+        'meshes': [
+            {
+                'rows': len(grid),
+                'columns': grid.shape[1],
+                'vertices': drawing.coded(grid - np.append(origin, 0)),
+                'inward': _mean([away]),
+            }
+            for grid, away in zip(grids, inward, strict=True)
+        ],
         'radius': float(np.linalg.norm(every - origin, axis=1).max()),
-        'inward': inward,
-        'down': down,
+        'inward': _mean(inward),
+        'down': _mean([np.diff(grid[..., :3], axis=0) for grid in grids]),
         'limit': limit,
         'colours': drawing.colours().ravel().tolist(),
         'dents': [
@@ -364,10 +369,10 @@ def scene_of(report: InspectionReport, limit: float) -> dict[str, Any]:
 
 
 def _mean(fields: Sequence[NDArray]) -> list[float]:
-    vectors = [field[np.isfinite(field).all(-1)] for field in fields if field.size]
-    total = np.concatenate([np.zeros((0, 3)), *vectors]).sum(axis=0)
+    """Direction of the mean of vectors; the view's own where there are none."""
+    total = np.sum([np.nansum(field, axis=(0, 1)) for field in fields], axis=0)
     length = float(np.linalg.norm(total))
-    return [float(value) for value in total / length] if length else [0.0, 0.0, 1.0]
+    return (total / length).tolist() if length else [0.0, 0.0, 1.0]
 
 
 @dataclass(frozen=True)
@@ -461,22 +466,15 @@ def on_grid(points: NDArray[np.float64], view: DrawnCloud) -> NDArray[np.float64
 
     Between the four points of the cloud that are nearest; NaN where it has fewer.
     """
-    points, grid = view.pose.inverse().apply(np.asarray(points, float)), view.points
-    low, high = points.min(axis=0), points.max(axis=0)
-    # Outlines lie nearer than this to the cloud's points, metres, unless its pose errs by more.
-    for room in (0.02, 1e6):
-        # Much faster than comparisons of a coordinate each; what is not a number lies nowhere.
-        rows, columns = np.nonzero(cv2.inRange(grid, low - room, high + room))
-        if len(rows) < 4:
-            continue
-        # Made in a third of the time of a balanced one, for a few questions.
-        tree = cKDTree(grid[rows, columns], balanced_tree=False, compact_nodes=False)
-        distance, nearest = tree.query(points, k=4)
-        if distance.max() < room:
-            weight = 1 / np.maximum(distance, 1e-9) ** 2
-            places = np.stack([columns, rows], axis=-1)[nearest]
-            return (weight[..., None] * places).sum(axis=1) / weight.sum(axis=1, keepdims=True)
-    return np.full((len(points), 2), np.nan)
+    rows, columns = np.nonzero(np.isfinite(view.points).all(axis=-1))
+    if len(rows) < 4:
+        return np.full((len(points), 2), np.nan)
+    # Made in a third of the time of a balanced one, for a few questions.
+    tree = cKDTree(view.points[rows, columns], balanced_tree=False, compact_nodes=False)
+    distance, nearest = tree.query(view.pose.inverse().apply(points), k=4)
+    weight = 1 / np.maximum(distance, 1e-9) ** 2
+    places = np.stack([columns, rows], axis=-1)[nearest]
+    return (weight[..., None] * places).sum(axis=1) / weight.sum(axis=1, keepdims=True)
 
 
 def on_photograph(

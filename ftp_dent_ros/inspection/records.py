@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import FIGURES, uncertain
 from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
@@ -40,18 +41,7 @@ def report_record(report: InspectionReport) -> dict[str, Any]:
         'refused': list(report.refused),
         'skipped': list(report.skipped),
         'remarks': list(report.remarks),
-        'gauge': [
-            {
-                'quantity': each.quantity,
-                'dents': each.dents,
-                'sightings': each.frames,
-                'repeatability_mm': each.within * 1e3,
-                'reproducibility_mm': each.between * 1e3,
-                'total_mm': each.total * 1e3,
-            }
-            for each in report.repeatability
-        ],
-        'software': f'ftp_dent_ros {report.version}',
+        'software': f'ftp_dent_ros {__version__}',
         'written': iso_time(report.written_ns),
     }
     return finite(record)

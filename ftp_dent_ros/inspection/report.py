@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import math
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,8 @@ from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.dents.dent import SmallestDent, Waviness
 from ftp_dent_ros.dents.rules import Judgement, Rules
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.inspection.repeatability import Repeatability
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
-
-# What stands for no measurement among 16 bits of micrometres.
-_MISSING = -32768
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +67,8 @@ class ReportedCloud:
         How many it shows.
     has_skin : bool
         Whether the image of its skin was there, whose narrow marks tell gouges.
-    mesh : Mesh
+    mesh : ndarray, shape (rows, columns, 4), float32
+        As of `mesh_of`, in the report's frame.
     pose : Pose, optional
         Of the camera in the report's frame, or of the vehicle where that alone is known.
     covariance : ndarray, shape (6, 6), optional
@@ -92,7 +89,7 @@ class ReportedCloud:
     dents: int
     others: int
     has_skin: bool
-    mesh: Mesh
+    mesh: NDArray[np.float32]
     pose: Pose | None = None
     covariance: NDArray[np.float64] | None = None
     coverage: Coverage | None = None
@@ -114,10 +111,6 @@ class InspectionReport:
     frames : tuple of ReportedCloud
     entries : tuple of ListedDent
         Dents, bumps and steps.
-    version : str
-        Of the software.
-    written_ns : int
-        Time of writing, nanoseconds since 1970.
     settings : SmallestDent
         The smallest dents that were looked for.
     rig_name, rig_id : str
@@ -125,8 +118,6 @@ class InspectionReport:
     camera : Lens, optional
         Of that rig, to draw dents into photographs of clouds in the camera's frame.
     rules : Rules, optional
-    repeatability : tuple of Repeatability
-        Empty for a single frame.
     refused : tuple of str
         Frames that could not be inspected, and why.
     skipped : tuple of str
@@ -135,25 +126,25 @@ class InspectionReport:
         All of it, where the clouds were joined: `ftp_dent_ros.survey.writing.skin_of`.
     remarks : tuple of str
         What else is to be known of the flight.
+    written_ns : int
+        Time of writing, nanoseconds since 1970.
     """
 
     source: str
     frame_id: str
     frames: tuple[ReportedCloud, ...]
     entries: tuple[ListedDent, ...]
-    version: str
-    written_ns: int
     settings: SmallestDent
     rig_name: str = ''
     rig_id: str = ''
     camera: Lens | None = None
     rules: Rules | None = None
-    repeatability: tuple[Repeatability, ...] = ()
     refused: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     placed: bool = True
     skin: dict[str, Any] | None = None
     remarks: tuple[str, ...] = ()
+    written_ns: int = field(default_factory=time.time_ns)
 
     @property
     def dents(self) -> tuple[ListedDent, ...]:
@@ -179,70 +170,19 @@ class InspectionReport:
         return [found[e.number] for e in self.dents]
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Every n-th point of a cloud, on its grid.
+def mesh_of(
+    points: NDArray[np.float32], deviation: NDArray[np.float32], pose: Pose, vertices: int
+) -> NDArray[np.float32]:
+    """Every n-th point of a cloud on its grid, so that there are about so many vertices at most.
 
-    Attributes
-    ----------
-    points : ndarray, shape (rows, columns, 3), float32
-        In the report's frame, metres; NaN where nothing is measured.
-    inward : ndarray, shape (rows, columns, 3), float32
-        Unit vectors into the skin.
-    deviation : ndarray, shape (rows, columns), float32
-        Depth below the undeformed contour, metres.
+    Shape (rows, columns, 4): places in the parent frame of `pose`, and depths below the
+    undeformed contour, metres; NaN where nothing is measured.
     """
-
-    points: NDArray[np.float32]
-    inward: NDArray[np.float32]
-    deviation: NDArray[np.float32]
-
-    @classmethod
-    def of(
-        cls,
-        points: NDArray[np.float32],
-        deviation: NDArray[np.float32],
-        pose: Pose,
-        vertices: int,
-    ) -> Mesh:
-        """Mesh of at most about so many vertices, moved to the parent frame of `pose`."""
-        step = max(1, math.ceil(math.sqrt(deviation.size / vertices)))
-        half = step // 2
-        points = pose.apply(points[half::step, half::step])
-        with np.errstate(invalid='ignore'):
-            inward = away_from_camera(points)
-            inward = inward / np.linalg.norm(inward, axis=-1, keepdims=True)
-        return cls(points, inward.astype(np.float32), deviation[half::step, half::step])
-
-    def packed(self, origin: NDArray[np.float64]) -> dict[str, Any] | None:
-        """Mesh about an origin for the page's script, or None if there is nothing in it.
-
-        Little-endian 16-bit positions (with a scale and a middle), deviations in micrometres
-        (-32768: nothing there), and 8-bit directions, each as base64.
-        """
-        valid = np.isfinite(self.points).all(-1) & np.isfinite(self.inward).all(-1)
-        valid &= np.isfinite(self.deviation)
-        if not valid.any():
-            return None
-        found = self.points[valid] - origin
-        middle = (found.min(axis=0) + found.max(axis=0)) / 2
-        scale = max(float(np.abs(found - middle).max()), 1e-9) / 32000
-        points = np.zeros((*valid.shape, 3), '<i2')
-        points[valid] = np.round((found - middle) / scale)
-        deviation = np.full(valid.shape, _MISSING, '<i2')
-        limited = np.clip(self.deviation[valid] * 1e6, -32000, 32000)
-        deviation[valid] = np.round(limited)
-        inward = np.zeros((*valid.shape, 4), 'i1')
-        inward[valid, :3] = np.round(self.inward[valid] * 127)
-        return {
-            'rows': valid.shape[0],
-            'columns': valid.shape[1],
-            'middle': [float(value) for value in middle],
-            'scale': scale,
-            'points': _text(points),
-            'deviation': _text(deviation),
-            'inward': _text(inward),
-        }
+    step = max(1, math.ceil(math.sqrt(deviation.size / vertices)))
+    some = (slice(step // 2, None, step),) * 2
+    mesh = np.dstack([pose.apply(points[some]), deviation[some]]).astype(np.float32)
+    mesh[~np.isfinite(mesh).all(axis=-1)] = np.nan
+    return mesh
 
 
 def away_from_camera(points: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -262,7 +202,3 @@ def findable_shares(findable: NDArray[np.float32]) -> tuple[float, float]:
     if not len(known):
         return math.nan, math.nan
     return float(np.median(known)), float(np.percentile(known, 95))
-
-
-def _text(values: NDArray) -> str:
-    return base64.b64encode(values.tobytes()).decode('ascii')

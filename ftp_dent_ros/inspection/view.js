@@ -18,10 +18,8 @@
     return;
   }
 
-  const decode = (text, Type) => {
-    const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-    return new Type(bytes.buffer);
-  };
+  const decode = (text) =>
+    new Float32Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
   const add = (a, b, s) => a.map((value, i) => value + s * b[i]);
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   const cross = (a, b) => [
@@ -40,12 +38,11 @@
     return made;
   };
   const skin = program(
-    `in vec3 point; in vec3 inward; in float deviation;
-     uniform vec3 middle; uniform float scale, times; uniform mat4 camera;
+    `in vec4 point; uniform vec3 inward; uniform float times; uniform mat4 camera;
      out vec3 at; out float depth;
      void main() {
-       depth = deviation * 1e-6;
-       at = middle + scale * point + (times - 1.0) * depth * inward / 127.0;
+       depth = point.w;
+       at = point.xyz + (times - 1.0) * depth * inward;
        gl_Position = camera * vec4(at, 1.0);
      }`,
     `in vec3 at; in float depth; out vec4 colour;
@@ -65,17 +62,17 @@
     gl.bufferData(target, data, gl.STATIC_DRAW);
     return made;
   };
-  const attribute = (of, name, size, type, stride, data) => {
+  const attribute = (of, name, size, data) => {
     const where = gl.getAttribLocation(of, name);
     buffer(gl.ARRAY_BUFFER, data);
     gl.enableVertexAttribArray(where);
-    gl.vertexAttribPointer(where, size, type, false, stride, 0);
+    gl.vertexAttribPointer(where, size, gl.FLOAT, false, 0, 0);
   };
 
   const meshes = scene.meshes.map((mesh) => {
-    const deviation = decode(mesh.deviation, Int16Array);
+    const vertices = decode(mesh.vertices);
     const indices = [];
-    const there = (...corners) => corners.every((i) => deviation[i] !== -32768);
+    const there = (...corners) => corners.every((i) => !Number.isNaN(vertices[4 * i]));
     for (let row = 0; row + 1 < mesh.rows; row++) {
       for (let column = 0; column + 1 < mesh.columns; column++) {
         const a = row * mesh.columns + column, b = a + 1, c = a + mesh.columns, d = c + 1;
@@ -85,11 +82,9 @@
     }
     const vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
-    attribute(skin, 'point', 3, gl.SHORT, 6, decode(mesh.points, Int16Array));
-    attribute(skin, 'deviation', 1, gl.SHORT, 2, deviation);
-    attribute(skin, 'inward', 3, gl.BYTE, 4, decode(mesh.inward, Int8Array));
+    attribute(skin, 'point', 4, vertices);
     buffer(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(indices));
-    return { vao, count: indices.length, middle: mesh.middle, scale: mesh.scale };
+    return { vao, count: indices.length, inward: mesh.inward };
   });
 
   const outward = unit(scene.inward.map((value) => -value));
@@ -99,7 +94,7 @@
     const points = new Float32Array(dent.outline);
     // A little before the skin, so that it does not hide them.
     for (let i = 0; i < points.length; i++) points[i] += 2e-3 * dent.normal[i % 3];
-    attribute(edge, 'point', 3, gl.FLOAT, 12, points);
+    attribute(edge, 'point', 3, points);
     const label = document.createElement('span');
     label.className = 'label';
     label.textContent = dent.number;
@@ -164,8 +159,7 @@
     gl.uniform1f(place('limit'), scene.limit);
     gl.uniform3fv(place('light'), unit(add(add(back, y, 0.5), x, -0.4)));
     for (const mesh of meshes) {
-      gl.uniform3fv(place('middle'), mesh.middle);
-      gl.uniform1f(place('scale'), mesh.scale);
+      gl.uniform3fv(place('inward'), mesh.inward);
       gl.bindVertexArray(mesh.vao);
       gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
     }

@@ -87,7 +87,7 @@ class Survey(PayloadNode[SurveySettings]):
         if item.skin is None and self._matching.expects('skin'):
             self.diagnostics.refuse('no skin', 'a cloud came without the image of its skin')
         cloud = item.with_skin(self.diagnostics)
-        pose = joining.add(stamp_ns, cloud, cloud.skin, stated, covariance)
+        pose = joining.add(stamp_ns, cloud, stated, covariance)
         now_known = joining.newest_covariance()
         self._pose.publish(covariant_pose_message(pose, now_known, stamp_ns, frame))
         stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)

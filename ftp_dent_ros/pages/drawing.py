@@ -24,6 +24,11 @@ def data_uri(data: bytes, kind: str = 'image/png') -> str:
     return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
 
 
+def coded(values: NDArray[np.floating]) -> str:
+    """Numbers as a page's script reads them: single precision, little endian, base64."""
+    return base64.b64encode(values.astype('<f4').tobytes()).decode('ascii')
+
+
 def figure_png(figure: Figure, dpi: int = 110) -> bytes:
     """A figure of matplotlib as a PNG file."""
     stream = io.BytesIO()
@@ -33,16 +38,16 @@ def figure_png(figure: Figure, dpi: int = 110) -> bytes:
 
 def png(pixels: NDArray[np.uint8]) -> str:
     """RGB pixels as a data URI."""
-    _, data = cv2.imencode('.png', np.ascontiguousarray(pixels[..., ::-1]))
-    return data_uri(data.tobytes())
+    return data_uri(_file(pixels, '.png'))
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
     """RGB pixels as a JPEG file."""
-    _, data = cv2.imencode(
-        '.jpg', np.ascontiguousarray(pixels[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 88]
-    )
-    return data.tobytes()
+    return _file(pixels, '.jpg', cv2.IMWRITE_JPEG_QUALITY, 88)
+
+
+def _file(pixels: NDArray[np.uint8], kind: str, *how: int) -> bytes:
+    return cv2.imencode(kind, np.ascontiguousarray(pixels[..., ::-1]), how)[1].tobytes()
 
 
 def colours(name: str = 'RdBu_r') -> NDArray[np.uint8]:
@@ -62,13 +67,8 @@ def deviation_colours(deviation: NDArray[np.float32], limit: float) -> NDArray[n
     return pixels
 
 
-def heat_map(deviation: NDArray[np.float32], limit: float) -> str:
-    """Deviation as a PNG's data URI, a pixel a point; from -limit to limit, metres."""
-    return png(deviation_colours(deviation, limit))
-
-
 def depth_scale(limit: float) -> dict[str, Any]:
-    """The colours of `heat_map`, and the depths in millimetres that they stand for."""
+    """The colours of `deviation_colours`, and the depths in millimetres that they stand for."""
     values = np.linspace(-1, 1, 5) * limit * 1e3
     return {
         'data': png(colours()[None]),

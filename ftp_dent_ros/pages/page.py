@@ -22,16 +22,13 @@ def render(package: str, template: str, **values: Any) -> str:
     **values
         What the template names; one that is missing is an error.
     """
+    loader = ChoiceLoader([PackageLoader(each, '') for each in (package, __package__)])
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(each, '') for each in (package, __package__)]),
+        loader=loader,
         autoescape=select_autoescape(['html', 'html.j2']),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-
-    def source(name: str) -> str:
-        assert environment.loader is not None
-        return environment.loader.get_source(environment, name)[0]
-
-    return environment.get_template(template).render(source=source, **values)
+    values['source'] = lambda name: loader.get_source(environment, name)[0]
+    return environment.get_template(template).render(values)

@@ -20,7 +20,7 @@ def interval(estimate: Estimate, factor: float = 1e3, finest: int = 2) -> tuple[
     value, half = estimate.value * factor, COVERAGE * estimate.uncertainty * factor
     if not math.isfinite(value):
         return '–', ''
-    if not math.isfinite(half) or half <= 0:
+    if not half:
         return f'{value:.3g}', ''
     places = -math.floor(math.log10(half))
     # At least one digit of the interval, two where they are not finer than can be of use.

@@ -132,7 +132,7 @@ def coverage_to_markers(seen: SeenSkin, stamp_ns: int, frame_id: str) -> MarkerA
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for name, mask, colour in (
         ('measured', seen.measured, _MEASURED),
-        ('gaps', seen.gap_mask(), _GAP),
+        ('gaps', seen.gap_mask, _GAP),
     ):
         corners = seen.strips(mask)
         if len(corners):

@@ -70,31 +70,25 @@ class AircraftFrame:
         Of the pose: shift of the middle, and turn about it, in the aircraft's frame.
     residuals : ndarray, shape (n, 3)
         Of the points, on the aircraft, metres.
-    points : tuple of ReferencePoint
     """
 
     pose: Pose
     middle: Array
     covariance: Array
     residuals: Array
-    points: tuple[ReferencePoint, ...]
 
-    def place(self, position: Array, covariance: Array | None = None) -> tuple[Array, Array]:
+    def place(self, position: Array, variance: float = 0.0) -> tuple[Array, Array]:
         """A place of the map on the aircraft, and its covariance.
 
         Parameters
         ----------
         position : ndarray, shape (3,)
-        covariance : ndarray, shape (3, 3), optional
-            Of the place among the others of the map, square metres.
+        variance : float
+            Of the place among the others of the map, along each axis, square metres.
         """
         there = self.pose.apply(np.asarray(position, float))
         jacobian = about(there - self.middle)
-        spread = jacobian @ self.covariance @ jacobian.T
-        if covariance is not None:
-            turn = self.pose.rotation.as_matrix()
-            spread = spread + turn @ covariance @ turn.T
-        return there, spread
+        return there, jacobian @ self.covariance @ jacobian.T + variance * np.eye(3)
 
 
 def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
@@ -165,7 +159,7 @@ def _fitted(points: Sequence[ReferencePoint]) -> tuple[AircraftFrame, float]:
     information = np.einsum('n,nij,nik->jk', weights, jacobians, jacobians)
     values, vectors = np.linalg.eigh(information)
     covariance = (vectors / np.maximum(values, 1e-9)) @ vectors.T
-    return AircraftFrame(pose, middle, covariance, off, tuple(points)), misfit
+    return AircraftFrame(pose, middle, covariance, off), misfit
 
 
 def read_reference_points(
@@ -197,10 +191,10 @@ def read_reference_points(
             place = places[number]
         else:
             place = np.array(each.take('map', Triple))
-        both = [each.take(name, Positive, value) * 1e-3 for name, value in usual.items()]
-        on_aircraft = np.array(each.take('at', Triple)) * unit
         name = each.take('name', str, f'points[{index}]')
+        there = np.array(each.take('at', Triple)) * unit
+        parts = [each.take(part, Positive, value) * 1e-3 for part, value in usual.items()]
+        points.append(ReferencePoint(name, place, there, math.hypot(*parts)))
         each.finish()
-        points.append(ReferencePoint(name, place, on_aircraft, math.hypot(*both)))
     file.finish()
     return tuple(points)

@@ -10,7 +10,6 @@ show remains.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +70,14 @@ def equations(
     if not with_paint or not len(second.paint):
         return heights
     paint = of_paint(first, second, pose, centre)
-    names = 'residual', 'own', 'other', 'weight', 'place'
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(heights, name), getattr(paint, name)]) for name in names
-    }
-    return replace(heights, **joined)
+    return replace(
+        heights,
+        residual=np.concatenate([heights.residual, paint.residual]),
+        own=np.concatenate([heights.own, paint.own]),
+        other=np.concatenate([heights.other, paint.other]),
+        weight=np.concatenate([heights.weight, paint.weight]),
+        place=np.concatenate([heights.place, paint.place]),
+    )
 
 
 def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.dents.dent import COVERAGE, MeasuredDent
+from ftp_dent_ros.dents.dent import COVERAGE
 from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
 from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
@@ -75,6 +75,14 @@ class ComparedDent:
         By the quantity: of one that is whole in both.
     reason : str
         Why nothing more can be said.
+    location : ndarray, shape (3,)
+        Station, buttock line and water line, or a place in the later survey's frame; metres.
+    uncertainty : float
+        Standard uncertainty of that along its worst direction, metres.
+    first_seen : str
+        Date.
+    findings : tuple of Judgement
+        What the user's limits say of it.
     """
 
     status: Status
@@ -82,6 +90,10 @@ class ComparedDent:
     later: SurveyedDent | None
     changes: Mapping[str, Change]
     reason: str = ''
+    location: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
+    uncertainty: float = math.nan
+    first_seen: str = ''
+    findings: tuple[Judgement, ...] = ()
 
     @property
     def shown(self) -> SurveyedDent:
@@ -89,6 +101,11 @@ class ComparedDent:
         shown = self.later or self.earlier
         assert shown is not None
         return shown
+
+    @property
+    def number(self) -> str:
+        """In the later survey; where it is not there, in the earlier one, in brackets."""
+        return str(self.shown.number) if self.later else f'({self.shown.number})'
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +120,9 @@ class Comparison:
     matching : DentMatching
     scales : mapping of str to CommonFactor
         By the quantity.
+    frame : AircraftFrame, optional
+        In which locations are given.
+    rules : Rules, optional
     """
 
     earlier: SurveyResult
@@ -110,10 +130,25 @@ class Comparison:
     dents: tuple[ComparedDent, ...]
     matching: DentMatching
     scales: Mapping[str, CommonFactor]
+    frame: AircraftFrame | None = None
+    rules: Rules | None = None
 
 
-def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
+def compare(
+    earlier: SurveyResult,
+    later: SurveyResult,
+    frame: AircraftFrame | None = None,
+    rules: Rules | None = None,
+) -> Comparison:
     """Compare two surveys of one aircraft.
+
+    Parameters
+    ----------
+    earlier, later : SurveyResult
+    frame : AircraftFrame, optional
+        Of the later survey's frame; locations are given in it.
+    rules : Rules, optional
+        Limits for the dents that are there.
 
     Raises
     ------
@@ -146,7 +181,37 @@ def compare(earlier: SurveyResult, later: SurveyResult) -> Comparison:
     order = list(STATUSES)
     depths = {id(each): np.nan_to_num(abs(each.shown.dent.depth.value)) for each in found}
     found.sort(key=lambda each: (order.index(each.status), -depths[id(each)]))
-    return Comparison(earlier, later, tuple(found), matching, scales)
+    there = [each for each in found if each.later is not None]
+    judged = rules.judge([each.shown.dent for each in there]) if rules else [()] * len(there)
+    findings = {id(each): judgements for each, judgements in zip(there, judged, strict=True)}
+    dents = []
+    for each in found:
+        location, uncertainty = _located(each, matching, frame)
+        first = later if each.earlier is None else earlier
+        dents.append(
+            replace(
+                each,
+                location=location,
+                uncertainty=uncertainty,
+                first_seen=date_of(first.taken_ns),
+                findings=findings.get(id(each), ()),
+            )
+        )
+    return Comparison(earlier, later, tuple(dents), matching, scales, frame, rules)
+
+
+def _located(
+    each: ComparedDent, matching: DentMatching, frame: AircraftFrame | None
+) -> tuple[NDArray[np.float64], float]:
+    """Location of a dent in the later survey's frame or another, and its uncertainty."""
+    place, covariance = each.shown.dent.position, each.shown.position_covariance
+    among = CENTRE
+    if each.later is None:
+        places, spread = matching.in_later(place[None])
+        place, among = places[0], math.hypot(CENTRE, float(spread[0]))
+    if frame is not None:
+        place, covariance = frame.place(place, among**2)
+    return place, math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
 
 
 def _alone(
@@ -217,160 +282,79 @@ def _why_not_found(
     return ''
 
 
-@dataclass(frozen=True, eq=False)
-class ChartRow:
-    """One dent of the chart.
-
-    Attributes
-    ----------
-    compared : ComparedDent
-    number : str
-        That of the later survey; where it is not there, that of the earlier one, in brackets.
-    location : ndarray, shape (3,)
-        Station, buttock line and water line, or a place in the later survey's frame; metres.
-    uncertainty : float
-        Standard uncertainty of that along its worst direction, metres.
-    first_seen : str
-        Date.
-    findings : tuple of Judgement
-        What the user's limits say of it.
-    """
-
-    compared: ComparedDent
-    number: str
-    location: NDArray[np.float64]
-    uncertainty: float
-    first_seen: str
-    findings: tuple[Judgement, ...]
-
-    @property
-    def dent(self) -> MeasuredDent:
-        """As it was seen last."""
-        return self.compared.shown.dent
-
-
-def chart(
-    comparison: Comparison, frame: AircraftFrame | None = None, rules: Rules | None = None
-) -> list[ChartRow]:
-    """Rows in the order of the comparison.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    frame : AircraftFrame, optional
-        Of the later survey's frame; locations are given in it.
-    rules : Rules, optional
-        Limits for the dents that are there.
-    """
-    there = [each for each in comparison.dents if each.later is not None]
-    judged = rules.judge([each.shown.dent for each in there]) if rules else []
-    findings = {id(each): found for each, found in zip(there, judged, strict=False)}
-    return [_row(each, comparison, frame, findings.get(id(each), ())) for each in comparison.dents]
-
-
-def _row(
-    each: ComparedDent,
-    comparison: Comparison,
-    frame: AircraftFrame | None,
-    findings: tuple[Judgement, ...],
-) -> ChartRow:
-    shown = each.shown
-    place, among = shown.dent.position, CENTRE
-    if each.later is None:
-        places, spread = comparison.matching.in_later(place[None])
-        place, among = places[0], math.hypot(CENTRE, float(spread[0]))
-    covariance = shown.position_covariance
-    if frame is not None:
-        place, covariance = frame.place(place, np.eye(3) * among**2)
-    first = comparison.later if each.earlier is None else comparison.earlier
-    return ChartRow(
-        each,
-        str(shown.number) if each.later is not None else f'({shown.number})',
-        place,
-        math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])),
-        date_of(first.taken_ns),
-        findings,
-    )
-
-
-def chart_record(row: ChartRow, on_aircraft: bool) -> dict[str, Any]:
-    """A row's cells: millimetres; None where there is nothing."""
-    dent, compared = row.dent, row.compared
-    names = ('station', 'buttock_line', 'water_line') if on_aircraft else ('x', 'y', 'z')
-    record: dict[str, Any] = {
-        'number': row.number,
-        'status': compared.status,
-        'kind': dent.kind,
-        **{f'{n}_mm': float(v) * 1e3 for n, v in zip(names, row.location, strict=True)},
-        'location_uncertainty_mm': row.uncertainty * 1e3,
-    }
-    record |= dent.figures(('length_mm', 'width_mm', 'depth_mm', 'width_to_depth', 'clearance_mm'))
-    for quantity in ('depth', 'length', 'width'):
-        change = compared.changes.get(quantity)
-        record[f'{quantity}_growth_mm'] = change and change.estimate.value * 1e3
-        record[f'{quantity}_growth_95_percent_mm'] = change and change.half * 1e3
-    worst = verdict(row.findings)
-    record |= {
-        'date_first_seen': row.first_seen,
-        'number_before': None if compared.earlier is None else compared.earlier.number,
-        'limit': worst,
-        'reference': '; '.join(
-            dict.fromkeys(f.limit.reference for f in row.findings if f.verdict == worst)
-        ),
-        'is_cut': dent.is_cut,
-        'remark': compared.reason,
-    }
-    return finite(record)
-
-
-def chart_csv(rows: list[ChartRow], on_aircraft: bool) -> str:
-    """The chart, a line a dent; empty cells are not known."""
-    records = [chart_record(row, on_aircraft) for row in rows]
+def chart_csv(comparison: Comparison) -> str:
+    """The chart, a line a dent, millimetres; empty cells are not known."""
+    names = ('station', 'buttock_line', 'water_line') if comparison.frame else ('x', 'y', 'z')
+    records = []
+    for each in comparison.dents:
+        dent, worst = each.shown.dent, verdict(each.findings)
+        record: dict[str, Any] = {
+            'number': each.number,
+            'status': each.status,
+            'kind': dent.kind,
+            **{f'{n}_mm': float(v) * 1e3 for n, v in zip(names, each.location, strict=True)},
+            'location_uncertainty_mm': each.uncertainty * 1e3,
+        }
+        record |= dent.figures(
+            ('length_mm', 'width_mm', 'depth_mm', 'width_to_depth', 'clearance_mm')
+        )
+        for quantity in ('depth', 'length', 'width'):
+            change = each.changes.get(quantity)
+            record[f'{quantity}_growth_mm'] = change and change.estimate.value * 1e3
+            record[f'{quantity}_growth_95_percent_mm'] = change and change.half * 1e3
+        record |= {
+            'date_first_seen': each.first_seen,
+            'number_before': None if each.earlier is None else each.earlier.number,
+            'limit': worst,
+            'reference': '; '.join(
+                dict.fromkeys(f.limit.reference for f in each.findings if f.verdict == worst)
+            ),
+            'is_cut': dent.is_cut,
+            'remark': each.reason,
+        }
+        records.append(finite(record))
     return table(records, list(records[0]) if records else [])
 
 
-def comparison_page(
-    comparison: Comparison,
-    rows: list[ChartRow],
-    frame: AircraftFrame | None = None,
-    rules: Rules | None = None,
-) -> str:
+def comparison_page(comparison: Comparison) -> str:
     """The whole page as HTML."""
-    counts: Counter[Status] = Counter(row.compared.status for row in rows)
     groups = [
         {'status': status, 'meaning': meaning, 'rows': found}
         for status, meaning in STATUSES.items()
-        if (found := [_cells(row) for row in rows if row.compared.status == status])
+        if (found := [_cells(each) for each in comparison.dents if each.status == status])
     ]
     return render(
         'ftp_dent_ros.survey',
         'comparison.html',
         earlier=comparison.earlier,
         later=comparison.later,
-        headline=_headline(counts),
-        facts=_facts(comparison, frame),
+        headline=headline(comparison.dents) or 'No dents',
+        facts=_facts(comparison),
         groups=groups,
-        map=_map(rows),
-        location='Station, buttock line, water line' if frame else 'Location x, y, z',
-        rules=rules,
+        map=_map(comparison.dents),
+        location='Station, buttock line, water line' if comparison.frame else 'Location x, y, z',
+        rules=comparison.rules,
     )
 
 
-def _headline(counts: Mapping[Status, int]) -> str:
-    words = [f'{counts[each]} {each}' for each in STATUSES if counts[each]]
-    return ', '.join(words) or 'No dents'
+def headline(dents: Sequence[ComparedDent]) -> str:
+    """How many of each status."""
+    counts = Counter(each.status for each in dents)
+    return ', '.join(f'{counts[each]} {each}' for each in STATUSES if counts[each])
 
 
-def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[str, str]]:
-    matching = comparison.matching
+def _facts(comparison: Comparison) -> list[tuple[str, str]]:
+    matching, frame = comparison.matching, comparison.frame
     walk = math.sqrt(matching.forward.walk) * 1e3
     scales = ', '.join(
         f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
         for quantity, each in comparison.scales.items()
     )
     facts = [
-        ('Earlier survey', _survey(comparison.earlier)),
-        ('Later survey', _survey(comparison.later)),
+        *(
+            (f'{word} survey', f'{each.name}, {date_of(each.taken_ns)}, {each.count} dents')
+            for word, each in (('Earlier', comparison.earlier), ('Later', comparison.later))
+        ),
         ('In both', f'{len(matching.pairs)} dents, by which the surveys lie on each other'),
         ('Maps apart', f'{walk:.2g} mm over a metre, root mean square along an axis'),
         ('Later sees larger', f'{scales}; taken out of every growth'),
@@ -378,23 +362,18 @@ def _facts(comparison: Comparison, frame: AircraftFrame | None) -> list[tuple[st
     if frame is not None:
         worst = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
         facts.append(
-            ('Aircraft frame', f'by {len(frame.points)} points, within {worst:.1f} mm of it')
+            ('Aircraft frame', f'by {len(frame.residuals)} points, within {worst:.1f} mm of it')
         )
     return [*facts, ('Software', f'ftp_dent_ros {__version__}')]
 
 
-def _survey(survey: SurveyResult) -> str:
-    dents = sum(each.dent.kind == 'dent' for each in survey.dents)
-    return f'{survey.name}, {date_of(survey.taken_ns)}, {dents} dents'
-
-
-def _cells(row: ChartRow) -> dict[str, Any]:
-    dent, change, signed = row.dent, row.compared.changes.get('depth'), ('–', '')
+def _cells(row: ComparedDent) -> dict[str, Any]:
+    dent, change, signed = row.shown.dent, row.changes.get('depth'), ('–', '')
     if change and change.estimate.is_measured and math.isfinite(change.half):
         signed = f'{change.estimate.value * 1e3:+.3f}', f'± {change.half * 1e3:.3f}'
     return {
         'number': row.number,
-        'before': '' if row.compared.earlier is None else str(row.compared.earlier.number),
+        'before': '' if row.earlier is None else str(row.earlier.number),
         'kind': dent.kind,
         'depth': interval(dent.depth, finest=3),
         'length': interval(dent.length),
@@ -409,14 +388,14 @@ def _cells(row: ChartRow) -> dict[str, Any]:
         'cut': dent.is_cut,
         'others': '; '.join(
             f'{quantity} {each.estimate.value * 1e3:+.2f} ± {each.half * 1e3:.2f} mm'
-            for quantity, each in row.compared.changes.items()
+            for quantity, each in row.changes.items()
             if quantity != 'depth' and each.verdict
         ),
-        'reason': row.compared.reason,
+        'reason': row.reason,
     }
 
 
-def _map(rows: list[ChartRow]) -> dict[str, Any] | None:
+def _map(rows: Sequence[ComparedDent]) -> dict[str, Any] | None:
     """Where the dents lie, on the plane that they spread along."""
     if len(rows) < 2:
         return None
@@ -425,7 +404,7 @@ def _map(rows: list[ChartRow]) -> dict[str, Any] | None:
     _, _, axes = np.linalg.svd(places - middle, full_matrices=False)
     flat = (places - middle) @ axes[:2].T
     # Not mirrored: as seen from outside.
-    normal = np.mean([row.dent.normal for row in rows], axis=0)
+    normal = np.mean([row.shown.dent.normal for row in rows], axis=0)
     if np.cross(axes[0], axes[1]) @ normal > 0:
         flat[:, 1] *= -1
     low, size = flat.min(axis=0), np.maximum(np.ptp(flat, axis=0), 1e-3)
@@ -439,7 +418,7 @@ def _map(rows: list[ChartRow]) -> dict[str, Any] | None:
                 'x': f'{x:.1f}',
                 'y': f'{y:.1f}',
                 'number': row.number,
-                'status': row.compared.status.replace(' ', '-'),
+                'status': row.status.replace(' ', '-'),
             }
             # What stands out is drawn last.
             for row, (x, y) in reversed(list(zip(rows, at, strict=True)))

@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.unrolled import CELL, LARGEST, Gap, Unrolled, find_gaps, gap_mask
+from ftp_dent_ros.survey.unrolled import CELL, LARGEST, Gap, Unrolled, find_gaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,8 @@ class SeenSkin:
     height : ndarray, shape (rows, columns)
         Of the cells above the unrolled skin, metres; the nearest one's where none was measured.
     gaps : list of Gap
+    gap_mask : ndarray, shape (rows, columns), bool
+        Of their cells.
     """
 
     skin: Unrolled
@@ -75,6 +77,7 @@ class SeenSkin:
     measured: NDArray[np.bool_]
     height: NDArray[np.float64]
     gaps: list[Gap]
+    gap_mask: NDArray[np.bool_]
 
     @property
     def area(self) -> float:
@@ -92,10 +95,6 @@ class SeenSkin:
         corners = [(first, row), (last, row), (last, row + 1), (first, row + 1)]
         flat = np.stack([np.stack(each, axis=-1) for each in corners], axis=1) * CELL + self.low
         return self.skin.points(flat, np.repeat(height[:, None], 4, axis=1))
-
-    def gap_mask(self) -> NDArray[np.bool_]:
-        """Mask of the cells of all gaps."""
-        return gap_mask(self.gaps, self.measured.shape)
 
 
 def unrolled(
@@ -131,4 +130,4 @@ def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSki
     mean = heights / np.maximum(covered, 1e-9)
     # Of what was not measured, that of the nearest that was.
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    return SeenSkin(skin, low, measured, mean[tuple(nearest)], find_gaps(measured, low))
+    return SeenSkin(skin, low, measured, mean[tuple(nearest)], *find_gaps(measured, low))

@@ -119,11 +119,9 @@ class Fusion(Raster):
         window = self.window(self.skin.place(place)[None])
         if window is None:
             return 0.0
-        count = self._count[window]
-        several = count > 1
-        if not several.any():
-            return 0.0
-        return math.sqrt(float((self._variance[window][several] / count[several]).mean()))
+        several = self._count[window] > 1
+        stated = self._variance[window][several] / self._count[window][several]
+        return math.sqrt(float(stated.mean())) if several.any() else 0.0
 
     def _together(self, window: Window) -> tuple[Map, Map, Map]:
         """What clouds tell together of the pixels of a window; NaN where fewer than two do.

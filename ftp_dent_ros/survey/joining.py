@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
-from ftp_dent_ros.survey.patch import FoldedPatch, SkinPatch, patch_of
+from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
 from ftp_dent_ros.survey.pose_graph import PoseGraph
 from ftp_dent_ros.survey.pose_terms import JITTER, Node, share_kept
 from ftp_dent_ros.survey.registration import UnlikePairError, register
@@ -47,9 +48,8 @@ class Joining:
         self.without_skin = 0
         self._remark = remark
         # Those that clouds to come may be laid on; and the lesser side of each cloud's, metres.
-        self._kept: dict[int, SkinPatch | FoldedPatch] = {}
+        self._kept: dict[int, Callable[[], SkinPatch]] = {}
         self._sizes: list[float] = []
-        self._last_key = -1
         self._last_closed = self._last_slid = -1
         self.footprints: list[Footprint] = []
 
@@ -57,7 +57,6 @@ class Joining:
         self,
         stamp_ns: int,
         cloud: Cloud,
-        skin: NDArray[np.uint8] | None = None,
         pose: Pose | None = None,
         covariance: NDArray[np.float64] | None = None,
         flight: int = 0,
@@ -69,7 +68,6 @@ class Joining:
         stamp_ns : int
         cloud : Cloud
             In its camera's frame.
-        skin : ndarray, shape (rows, columns), uint8, optional
         pose : Pose, optional
             Of the camera, as the autopilot says.
         covariance : ndarray, shape (6, 6), optional
@@ -82,7 +80,7 @@ class Joining:
         CloudError
             The cloud has too few points.
         """
-        patch = patch_of(cloud, skin)
+        patch = patch_of(cloud)
         self.without_skin += patch.light is None
         number = len(self.stamps_ns)
         guess = self._guess(pose, flight)
@@ -91,9 +89,9 @@ class Joining:
         self.stamps_ns.append(stamp_ns)
         self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
         self.footprints.append(Footprint.of(cloud, patch.frame))
-        self._kept[number] = patch
+        self._kept[number] = lambda: patch
         for other in (number - back for back in _BACK):
-            if other >= 0 and self._flight(other) == flight:
+            if other >= 0 and self.graph.nodes[other].flight == flight:
                 self._join(other, number)
         for other in self._closures(number):
             self._close(other, number)
@@ -136,15 +134,8 @@ class Joining:
         if stated is None:
             # As far from the last one as that from the one before.
             return there @ (graph.poses[-2:][0].inverse() @ there)
-        if last.covariance is None or last.flight != flight:
-            return stated
-        return there @ last.stated.inverse() @ stated
-
-    def _flight(self, number: int) -> int:
-        return self.graph.nodes[number].flight
-
-    def _middle(self, number: int) -> NDArray[np.float64]:
-        return self.graph.poses[number].apply(self._kept[number].frame.translation)
+        is_told = last.covariance is not None and last.flight == flight
+        return there @ last.stated.inverse() @ stated if is_told else stated
 
     def _join(self, first: int, second: int) -> None:
         """Lay a cloud on one shortly before."""
@@ -154,7 +145,7 @@ class Joining:
         self.graph.link(first, second, relative)
         if second - first > 1:
             return
-        if relative.remark and self._kept[second].unfolded().light is not None:
+        if relative.remark and self._kept[second]().light is not None:
             self._remark(self._about(first, second, relative.remark))
         if relative.rank:
             # A guess for the others that is nearly right.
@@ -181,7 +172,7 @@ class Joining:
 
     def _laid(self, first: int, second: int) -> RelativePose | None:
         """Pose of a cloud seen from an earlier one; None if it does not fit."""
-        patches = self._kept[first].unfolded(), self._kept[second].unfolded()
+        patches = self._kept[first](), self._kept[second]()
         guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
         is_known = bool(self.graph.links) and self.graph.links[-1].second == second
         known = doubt_by_links(self.graph, first, second) if is_known else None
@@ -195,18 +186,18 @@ class Joining:
 
     def _forget(self, number: int) -> None:
         """Keep the last patches, and of the others as many as later passes need."""
-        old, last = number - max(_BACK), self._last_key
+        old, nodes = number - max(_BACK), self.graph.nodes
         if old < 0:
             return
-        if last >= 0 and self._flight(last) == self._flight(old):
-            apart = np.linalg.norm(self._middle(last) - self._middle(old))
+        earlier = max((each for each in self._kept if each < old), default=None)
+        if earlier is not None and nodes[earlier].flight == nodes[old].flight:
+            first, second = self._middles([earlier, old])
             # A cloud is kept for later passes where the last that was kept is this part of a patch
             # away.
-            if apart < 0.3 * self._sizes[old]:
+            if np.linalg.norm(first - second) < 0.3 * self._sizes[old]:
                 del self._kept[old]
                 return
-        self._last_key = old
-        self._kept[old] = FoldedPatch.of(self._kept[old].unfolded())
+        self._kept[old] = partial(unfolded, folded(self._kept[old]()))
 
     def _closures(self, number: int) -> list[int]:
         """Of other passes that show the same skin, the nearest cloud of each."""
@@ -214,9 +205,8 @@ class Joining:
         if not others or self._is_same_skin(number):
             return []
         both = [*others, number]
-        seen = np.stack([self._kept[each].frame.translation for each in both])
         sizes = np.array([self._sizes[each] for each in both])
-        middles = self.graph.placed(both, seen)
+        middles = self._middles(both)
         apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
         # No farther apart than this part of both patches' sizes.
         near = np.flatnonzero(apart < 0.6 * (sizes[:-1] + sizes[-1]))
@@ -226,8 +216,13 @@ class Joining:
                 chosen.append(others[index])
         return chosen[:2]
 
+    def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
+        """Middles of some clouds in the map, shape (n, 3)."""
+        return self.graph.placed(numbers, [self.footprints[each].middle for each in numbers])
+
     def _are_passes(self, one: int, other: int) -> bool:
-        return abs(one - other) >= 8 or self._flight(one) != self._flight(other)
+        nodes = self.graph.nodes
+        return abs(one - other) >= 8 or nodes[one].flight != nodes[other].flight
 
     def _is_same_skin(self, number: int) -> bool:
         """Whether another pass shows hardly more than the last that was laid on another."""

@@ -51,10 +51,9 @@ class Mosaic(Raster):
         self,
         cloud: Cloud,
         pose: Pose,
-        skin: NDArray[np.uint8] | None,
         found: Inspection | None,
     ) -> None:
-        """Another cloud, in its camera's frame, with the image of its skin and its inspection.
+        """Another cloud, in its camera's frame, and its inspection.
 
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
         where the points do, and clouds with fewer points than pixels leave no holes.
@@ -68,10 +67,9 @@ class Mosaic(Raster):
         places = pose.apply(points.astype(float)) - self.skin.origin
         self.views[window] += seen
         self._points[window] += np.where(seen[..., None], places, 0)
-        if skin is not None:
-            light = np.where(seen, remap(skin, u, v, cv2.INTER_NEAREST), 0)
-            self._image[window] += light
-            self._seen[window] += light > 0
+        light = np.where(seen, remap(cloud.skin, u, v, cv2.INTER_NEAREST), 0)
+        self._image[window] += light
+        self._seen[window] += light > 0
         if found is None:
             return
         deviation, findable, noise = (
@@ -120,8 +118,8 @@ class Mosaic(Raster):
         """Mask of the cells of which half or more was measured."""
         return _by_cell(self.views > 0).mean(axis=-1) >= 0.5
 
-    def gaps(self) -> list[Gap]:
-        """What was not measured between what was, the largest first."""
+    def gaps(self) -> tuple[list[Gap], NDArray[np.bool_]]:
+        """What was not measured between what was, as of `find_gaps`."""
         return find_gaps(self.measured(), self.low)
 
 

@@ -7,8 +7,9 @@ points are looked up. The plane's z axis points at the camera.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import cv2
@@ -174,10 +175,6 @@ class SkinPatch:
         y = self.corner[1] + self.pitch * row
         return np.stack([x, y, self.surface[row, column, 0]], axis=-1).astype(float)
 
-    def unfolded(self) -> SkinPatch:
-        """Itself: as of `FoldedPatch`."""
-        return self
-
     def looked_up(self, layer: Grid, points: NDArray[np.float64]) -> Grid:
         """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid.
 
@@ -202,18 +199,8 @@ class SkinPatch:
         return low
 
 
-def patch_of(
-    cloud: Cloud, skin: NDArray[np.uint8] | None = None, pitch: float | None = None
-) -> SkinPatch:
-    """Patch of a cloud in its camera's frame.
-
-    Parameters
-    ----------
-    cloud : Cloud
-    skin : ndarray, shape (rows, columns), uint8, optional
-        Image of the skin on the cloud's grid; 0 where there is none.
-    pitch : float, optional
-        Metres; somewhat more than the cloud's own spacing by default.
+def patch_of(cloud: Cloud) -> SkinPatch:
+    """Patch of a cloud in its camera's frame, with the image of its skin if it has one.
 
     Raises
     ------
@@ -237,7 +224,8 @@ def patch_of(
     heights: Any = cv2.transform(everywhere, matrix[2:])
     place = places[some].astype(float)
     # Of the grid, by the cloud's own spacing.
-    size = pitch or 1.5 * _spacing(everywhere)
+    steps = np.linalg.norm(np.diff(everywhere[:: max(1, len(everywhere) // 24)], axis=1), axis=-1)
+    size = 1.5 * float(np.nanmedian(steps))
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
     u, v = cells(places, some, low, size, count)
@@ -245,9 +233,7 @@ def patch_of(
     sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(5e-5))
     height = remap(heights, u, v)
     deviation = remap(sigma.astype(np.float32, copy=False) * np.float32(1e3), u, v)
-    light = None
-    if skin is not None and skin.any():
-        light = remap(_LOGARITHMS[skin], u, v)
+    light = remap(_LOGARITHMS[cloud.skin], u, v) if cloud.skin.any() else None
     return SkinPatch(frame, size, low, height, deviation, light)
 
 
@@ -260,12 +246,6 @@ def _tangent(points: NDArray[np.float64]) -> Pose:
     x /= np.linalg.norm(x)
     turn = np.stack([x, np.cross(normal, x), normal], axis=-1)
     return Pose(Rotation.from_matrix(turn), middle)
-
-
-def _spacing(points: Grid) -> float:
-    """Median distance between neighbouring points of a cloud."""
-    steps = np.linalg.norm(np.diff(points[:: max(1, len(points) // 24)], axis=1), axis=-1)
-    return float(np.nanmedian(steps))
 
 
 def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
@@ -300,30 +280,24 @@ def _mean(field: Any, sigma: float) -> Grid:
     return field
 
 
-@dataclass(frozen=True, eq=False)
-class FoldedPatch:
-    """A patch in a tenth of its memory: grids as pictures in small steps."""
+def folded(patch: SkinPatch) -> Callable[[], SkinPatch]:
+    """What makes a patch again, in a tenth of its memory: grids as pictures in small steps."""
+    # Least steps: of heights, metres, a quarter of what no pair is better than; of their
+    # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
+    steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
+    grids = [None if grid is None else _folded(grid, least) for grid, least in steps]
+    return partial(_made, patch.frame, patch.pitch, patch.corner, grids)
 
-    frame: Pose
-    pitch: float
-    corner: NDArray[np.float64]
-    grids: tuple[tuple[NDArray[np.uint8], float, float] | None, ...]
 
-    @classmethod
-    def of(cls, patch: SkinPatch) -> FoldedPatch:
-        """Fold a patch."""
-        # Least steps: of heights, metres, a quarter of what no pair is better than; of their
-        # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
-        steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
-        grids = tuple(None if grid is None else _folded(grid, least) for grid, least in steps)
-        return cls(patch.frame, patch.pitch, patch.corner, grids)
+@lru_cache(maxsize=8)
+def unfolded(make: Callable[[], SkinPatch]) -> SkinPatch:
+    """A patch that was `folded`; the last ones are kept, with their layers."""
+    return make()
 
-    @lru_cache(maxsize=8)  # noqa: B019 - the last that were used, with their layers, on purpose
-    def unfolded(self) -> SkinPatch:
-        """The patch; the last ones are kept."""
-        height, sigma, light = (None if each is None else _unfolded(*each) for each in self.grids)
-        assert height is not None and sigma is not None
-        return SkinPatch(self.frame, self.pitch, self.corner, height, sigma, light)
+
+def _made(frame: Pose, pitch: float, corner: NDArray[np.float64], grids: list[Any]) -> SkinPatch:
+    layers: list[Any] = [None if each is None else _unfolded(*each) for each in grids]
+    return SkinPatch(frame, pitch, corner, *layers)
 
 
 def _folded(grid: Grid, least: float) -> tuple[NDArray[np.uint8], float, float]:

@@ -4,14 +4,8 @@ const places = JSON.parse(document.getElementById('places').textContent);
 const picks = [];
 const byId = (id) => document.getElementById(id);
 
-function decoded(text) {
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  const view = new DataView(bytes.buffer);
-  return Float64Array.from({ length: bytes.length / 2 }, (_, i) => {
-    const value = view.getInt16(2 * i, true);
-    return value === places.unknown ? NaN : value * places.step;
-  });
-}
+const decoded = (text) =>
+  new Float32Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
 const height = decoded(places.height), findable = decoded(places.findable);
 
 // Linearly between the middles of the measured cells around a place.
@@ -32,11 +26,8 @@ function heightAt(x, y) {
 function pointAt(x, y) {
   const up = heightAt(x, y);
   if (Number.isNaN(up)) return null;
-  let [along, out] = [y, up];
-  if (places.radius !== null) {
-    const from = places.radius + up, angle = y / places.radius;
-    along = from * Math.sin(angle); out = from * Math.cos(angle) - places.radius;
-  }
+  const from = places.radius + up, angle = y / places.radius;
+  const along = from * Math.sin(angle), out = from * Math.cos(angle) - places.radius;
   return [0, 1, 2].map((i) => places.origin[i] + x * places.axis[i] + along * places.around[i] + out * places.normal[i]);
 }
 

@@ -126,10 +126,10 @@ class PoseGraph:
         else:
             self.solve(fixed=number)
 
-    def placed(self, numbers: Sequence[int], points: Array) -> Array:
+    def placed(self, numbers: Sequence[int], points: Sequence[Array]) -> Array:
         """Points of shape (n, 3), each in its camera's frame, in the map."""
         at = np.asarray(numbers, np.intp)
-        return (self._turns[at] @ points[..., None])[..., 0] + self._places[at]
+        return (self._turns[at] @ np.stack(points)[..., None])[..., 0] + self._places[at]
 
     def covariances(
         self, anchor: int | None = None, only: Sequence[int] | None = None

@@ -25,6 +25,7 @@ from ftp_dent_ros.survey.raster import Grid
 
 # Share of the second cloud that has to lie on the first, and points; of the few that find the way.
 LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
+_APART = 'they do not overlap'
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
@@ -48,10 +49,6 @@ _RIVAL = 0.6
 
 class UnlikePairError(Exception):
     """Two clouds that do not lie on each other; the message says in what."""
-
-
-class _NoPlaceError(Exception):
-    """The paint does not tell where two clouds lie on each other; the message says why."""
 
 
 def register(
@@ -82,27 +79,31 @@ def register(
     """
     samples, few = second.samples, second.samples.few
     start = first.frame.inverse() @ guess @ second.frame
-    centre, found, remark = _centre(first, few, start), None, _NO_PAINT
+    centre = _centre(first, few, start)
     is_painted = first.light is not None and second.light is not None
     for each in [doubt] if known is None else [known, doubt][: 1 + is_painted]:
         near = Guess(start, centre, _doubt_at(first, guess, each, centre))
-        best = start
+        best, found, remark = start, None, _NO_PAINT
         if not near.is_right:
             best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
             near = replace(near, centre=_centre(first, few, best))
-        if not is_painted:
+        if is_painted:
+            best, found, remark = _by_paint(first, second, best, near)
+        if not remark:
             break
-        try:
-            best, found = _by_paint(first, second, best, near)
-        except _NoPlaceError as reason:
-            remark = str(reason)
-            continue
-        remark = ''
-        break
     centre = near.centre
     if found is None:
         found = equations(first, samples, best, centre, with_paint=False)
-    _check(found, samples)
+    if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
+        raise UnlikePairError(_APART)
+    # Heights' misfit by what the clouds state, above which they do not show one surface.
+    if found.spread > 25.0:
+        raise UnlikePairError(
+            f'their heights differ {found.spread:.0f} times as much as they state'
+        )
+    # Share of the points within three standard deviations, that both must have in common.
+    if np.mean(np.abs(found.residual[: found.heights]) < 3) < 0.5:
+        raise UnlikePairError('most of their heights differ')
     # Difference of the directions from which the centre is seen, along the patch's axes.
     cameras = first.frame.inverse(), best @ second.frame.inverse()
     here, there = (camera.translation - centre for camera in cameras)
@@ -157,13 +158,10 @@ def _slid_information(
 
 def _by_paint(
     first: SkinPatch, second: SkinPatch, by_shape: Pose, near: Guess
-) -> tuple[Pose, PairEquations]:
+) -> tuple[Pose, PairEquations | None, str]:
     """The one pose at which the paints lie on each other, and its equations.
 
-    Raises
-    ------
-    _NoPlaceError
-        There is none, or more than one.
+    Where there is none, or more than one: the pose by the shape, and why.
     """
     samples, few, pose = second.samples, second.samples.few, near.pose
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
@@ -171,7 +169,7 @@ def _by_paint(
         places = candidates(first, second, by_shape, near)
         # Places that are alike at first sight: more cannot all be judged.
         if len(places) > 32:
-            raise _NoPlaceError(_AMBIGUOUS)
+            return by_shape, None, _AMBIGUOUS
         # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
         # on it by far more than a guess is unsure of at its own place.
         # By how much a place may move along the skin as patches are laid on each other there: the
@@ -184,14 +182,14 @@ def _by_paint(
         # As many that are as good as the best one are enough to give up.
         left = not_worse(judged, 2)
         if len(left) != 1:
-            raise _NoPlaceError(_AMBIGUOUS if left else _NOWHERE)
+            return by_shape, None, _AMBIGUOUS if left else _NOWHERE
         pose = left[0].pose
     pose = _solved(first, few, pose, near.centre, loose)
     found = equations(first, samples, pose, near.centre)
     painted = len(found.residual) - found.heights
     if painted < _LEAST_POINTS or near.away(pose)[1] > _WITHIN**2:
-        raise _NoPlaceError(_NOWHERE)
-    return pose, found
+        return by_shape, None, _NOWHERE
+    return pose, found, ''
 
 
 def _judged(
@@ -220,7 +218,7 @@ def _solved(
     for _ in range(steps):
         found = equations(first, samples, pose, centre, with_paint)
         if found.heights < _LEAST_FEW:
-            raise UnlikePairError('they do not overlap')
+            raise UnlikePairError(_APART)
         normal = found.both.T @ (found.both * found.weight[:, None]) + prior
         step = -np.linalg.solve(normal, found.gradient + prior @ off)
         pose, off = moved(pose, step, centre), off + step
@@ -239,7 +237,7 @@ def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float6
     place = pose.apply(samples.heights)
     met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
     if met.sum() < max(_LEAST_FEW, LEAST_OVERLAP * len(place)):
-        raise UnlikePairError('they do not overlap')
+        raise UnlikePairError(_APART)
     return place[met].mean(axis=0)
 
 
@@ -250,19 +248,6 @@ def _doubt_at(first, guess, doubt, centre):
     carried[:3] = about(arm)
     turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
     return turn.T @ carried @ doubt @ carried.T @ turn
-
-
-def _check(found: PairEquations, samples: Samples) -> None:
-    if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
-        raise UnlikePairError('they do not overlap')
-    # Heights' misfit by what the clouds state, above which they do not show one surface.
-    if found.spread > 25.0:
-        raise UnlikePairError(
-            f'their heights differ {found.spread:.0f} times as much as they state'
-        )
-    # Share of the points within three standard deviations, that both must have in common.
-    if np.mean(np.abs(found.residual[: found.heights]) < 3) < 0.5:
-        raise UnlikePairError('most of their heights differ')
 
 
 @dataclass(frozen=True, eq=False)

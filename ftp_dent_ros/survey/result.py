@@ -171,3 +171,8 @@ class SurveyResult:
     settings: SmallestDent = field(default_factory=SmallestDent)
     rig_id: str = ''
     software: str = ''
+
+    @property
+    def count(self) -> int:
+        """How many dents it has, the others apart."""
+        return sum(each.dent.kind == 'dent' for each in self.dents)

@@ -48,8 +48,8 @@ class SurveyStore:
         ConfigurationError
             There is one of that name, or the file cannot be written, or is something else.
         """
+        self.check_new(result.name)
         with self._opened() as file:
-            self._refuse_known(file, result.name)
             values = result.name, result.taken_ns, time.time_ns(), *_packed(result)
             file.execute('INSERT INTO surveys VALUES (NULL, ?, ?, ?, ?, ?)', values)
 
@@ -62,7 +62,7 @@ class SurveyStore:
             The file is something else.
         """
         with self._opened() as file:
-            rows = file.execute('SELECT name FROM surveys ORDER BY taken_ns, number').fetchall()
+            rows = file.execute('SELECT name FROM surveys ORDER BY taken_ns, number')
             return tuple(row['name'] for row in rows)
 
     def check_new(self, name: str) -> None:
@@ -74,7 +74,12 @@ class SurveyStore:
             As for `add`.
         """
         with self._opened() as file:
-            self._refuse_known(file, name)
+            known = file.execute('SELECT 1 FROM surveys WHERE name = ?', (name,)).fetchone()
+        if known:
+            raise ConfigurationError(
+                f'{self.path}: has a survey {name!r} already, and none is ever changed: give this '
+                'one another name (--name)'
+            )
 
     def read(self, name: str) -> SurveyResult:
         """A survey.
@@ -112,9 +117,10 @@ class SurveyStore:
 
     def _prepare(self, file: sqlite3.Connection) -> None:
         """Make the table of a new file; refuse one of others or of another version."""
-        (application,) = file.execute('PRAGMA application_id').fetchone()
-        (version,) = file.execute('PRAGMA user_version').fetchone()
-        (tables,) = file.execute('SELECT count(*) FROM sqlite_master').fetchone()
+        application, version, tables = file.execute(
+            'SELECT application_id, user_version, (SELECT count(*) FROM sqlite_master) '
+            'FROM pragma_application_id, pragma_user_version'
+        ).fetchone()
         if not (application or version or tables):
             file.execute(f'PRAGMA application_id = {_APPLICATION}')
             file.execute(f'PRAGMA user_version = {_VERSION}')
@@ -128,13 +134,6 @@ class SurveyStore:
             raise ConfigurationError(
                 f'{self.path}: is a database of something else, or of another version of this '
                 'software: name another file'
-            )
-
-    def _refuse_known(self, file: sqlite3.Connection, name: str) -> None:
-        if file.execute('SELECT 1 FROM surveys WHERE name = ?', (name,)).fetchone():
-            raise ConfigurationError(
-                f'{self.path}: has a survey {name!r} already, and none is ever changed: give this '
-                'one another name (--name)'
             )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent, SmallestDent
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
-from ftp_dent_ros.errors import BagError, CloudError, FtpDentError
-from ftp_dent_ros.inspection.bag import survey_bag
-from ftp_dent_ros.inspection.inspecting import Inspect, check_resolution
+from ftp_dent_ros.errors import BagError, CloudError
+from ftp_dent_ros.inspection.bag import seen_cloud
+from ftp_dent_ros.inspection.inspecting import CloudInspector, Inspected, inspected
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds
+from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds, coverages_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.survey.footprint import unrolled
@@ -31,7 +30,6 @@ from ftp_dent_ros.survey.fusion import PIXEL, Fusion
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.result import DentRelief, SurveyedDent, SurveyResult
-from ftp_dent_ros.survey.unrolled import Unrolled
 from ftp_dent_ros.survey.writing import skin_of
 
 # Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
@@ -59,10 +57,10 @@ class Surveyed:
 
 def survey_bags(
     bags: Sequence[Bag],
-    name: str = '',
-    settings: SmallestDent | None = None,
-    rig_id: str = '',
-    progress: Callable[[], Any] = lambda: None,
+    name: str,
+    settings: SmallestDent,
+    rig_id: str,
+    progress: Callable[[], Any],
 ) -> Surveyed:
     """Make one skin of the clouds of all bags, which show one aircraft.
 
@@ -70,7 +68,7 @@ def survey_bags(
     ----------
     bags : sequence of Bag
     name : str
-    settings : SmallestDent, optional
+    settings : SmallestDent
         The smallest dents that are looked for.
     rig_id : str
         Id of the calibration.
@@ -84,32 +82,32 @@ def survey_bags(
     CloudError
         No cloud can be used.
     """
-    settings = settings or SmallestDent()
     joined = join_bags(bags, progress)
     skin = FusedSkin(bags, joined, progress)
-    dents = DentList()
-    for item in map(skin.prepared, skin.clouds()):
-        found = None
-        with contextlib.suppress(FtpDentError):
-            found = inspect(check_resolution(item.cloud), settings)
-        found = skin.completed(item, found)
-        if found is not None and item.pose is not None:
-            seen = [each.transformed(item.pose) for each in (*found.dents, *found.others)]
-            number = joined.numbers[item.stamp_ns]
-            dents.add(number, seen, item.pose, item.covariance, stamp_ns=item.stamp_ns)
-        progress()
+    dents, remarks = DentList(), list(joined.remarks)
+    for item, outcome in skin.inspected(settings, photographs=False):
+        found = outcome.found
+        if found is None:
+            remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {outcome.reason}')
+            continue
+        assert item.pose is not None
+        seen = [each.transformed(item.pose) for each in (*found.dents, *found.others)]
+        number = joined.numbers[item.stamp_ns]
+        dents.add(number, seen, item.pose, item.covariance, stamp_ns=item.stamp_ns)
     surveyed = tuple(
         SurveyedDent(
             each.number,
             replace(each.dent, reason=each.reason),
-            joined.position_covariance(each.dent.position, each.best),
+            position_covariance(
+                each.dent.position, joined.poses[each.best], joined.covariances[each.best]
+            ),
             len(each.sightings),
             skin.relief(each.dent),
         )
         for each in dents.entries
     )
     result = SurveyResult(
-        name=name or bags[0].path.stem,
+        name=name,
         sources=tuple(str(bag.path) for bag in bags),
         taken_ns=min(joined.numbers),
         frame_id=joined.frame_id,
@@ -119,8 +117,8 @@ def survey_bags(
         rig_id=rig_id,
         software=__version__,
     )
-    remarks = (*joined.remarks, *([sentence(dents.glass)] if dents.glass else []))
-    return Surveyed(result, skin.mosaic, joined, remarks)
+    remarks += [sentence(dents.glass)] if dents.glass else []
+    return Surveyed(result, skin.mosaic, joined, tuple(remarks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,22 +159,6 @@ class JoinedClouds:
         """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
         return self.joining.graph.covariances()
 
-    def position_covariance(self, position: NDArray, number: int) -> NDArray[np.float64]:
-        """Of a place in the map that a cloud shows, shape (3, 3), square metres."""
-        return position_covariance(position, self.poses[number], self.covariances[number])
-
-    @cached_property
-    def covariances_among_them(self) -> NDArray[np.float64]:
-        """The same as seen from the middle cloud."""
-        return self.joining.graph.covariances(anchor=len(self.poses) // 2)
-
-    @cached_property
-    def extent(self) -> tuple[Unrolled, NDArray[np.float64], NDArray[np.float64]]:
-        """The unrolled skin, and the least and largest x and y with some room, metres."""
-        skin, places = unrolled(self.joining.footprints, self.poses)
-        flat, room = np.concatenate(places)[:, :2].astype(float), 0.05
-        return skin, flat.min(axis=0) - room, flat.max(axis=0) + room
-
 
 def join_bags(
     bags: Sequence[Bag],
@@ -198,19 +180,16 @@ def join_bags(
         No cloud can be used, or nothing tells where a bag's skin lies.
     """
     remarks: list[str] = []
-    say = remarks.append
-    joining = Joining(say)
-    frame_id, known = '', set[int]()
-    without_covariance = 0
+    joining = Joining(remarks.append)
+    frame_id, without_covariance = '', 0
     for flight, bag in enumerate(bags):
-        for item in bag_clouds(bag, lambda skipped: say(str(skipped)), False):
+        for item in bag_clouds(bag, lambda skipped: remarks.append(str(skipped)), False):
             if not item.in_camera:
                 raise BagError(
                     f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'
                 )
-            if item.stamp_ns in known:
+            if item.stamp_ns in joining.stamps_ns:
                 continue
-            known.add(item.stamp_ns)
             covariance = item.covariance
             if item.pose is not None:
                 if frame_id not in ('', item.frame_id):
@@ -222,9 +201,9 @@ def join_bags(
                 if covariance is None or not np.any(covariance):
                     covariance, without_covariance = _UNKNOWN, without_covariance + 1
             try:
-                joining.add(item.stamp_ns, item.cloud, item.skin, item.pose, covariance, flight)
+                joining.add(item.stamp_ns, item.cloud, item.pose, covariance, flight)
             except CloudError as reason:
-                say(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
+                remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
             progress()
     if not joining.stamps_ns:
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
@@ -232,19 +211,21 @@ def join_bags(
     of_parts = _ties(joining, bags)
     clouds = len(joining.stamps_ns)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
-    if unplaced:
-        say(
-            f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
-            'the others alone' + ('' if frame_id else ', in a frame of their own')
-        )
-    if without_covariance:
-        say(f'{without_covariance} poses do not state how good they are: 30 mm is taken')
-    if joining.without_skin:
-        known_by = 'the autopilot' if frame_id else 'their shape'
-        say(
-            f'{joining.without_skin} of {clouds} clouds have no image of the skin: along the skin '
-            f'only {known_by} tells where they lie; record /skin too'
-        )
+    told = (
+        (
+            unplaced,
+            f'of {clouds} clouds have no pose: they are placed by what they share with the others '
+            'alone' + ('' if frame_id else ', in a frame of their own'),
+        ),
+        (without_covariance, 'poses do not state how good they are: 30 mm is taken'),
+        (
+            joining.without_skin,
+            f'of {clouds} clouds have no image of the skin: along the skin only '
+            f'{"the autopilot" if frame_id else "their shape"} tells where they lie; record /skin '
+            'too',
+        ),
+    )
+    remarks += [f'{count} {text}' for count, text in told if count]
     # The frame of a survey that no autopilot has placed.
     return JoinedClouds(joining, frame_id or 'survey', (*remarks, *of_parts))
 
@@ -300,37 +281,59 @@ class FusedSkin:
     def __init__(
         self, bags: Sequence[Bag], joined: JoinedClouds, progress: Callable[[], Any] = lambda: None
     ) -> None:
-        self._bags, self._joined = bags, joined
-        self.mosaic, self._fusion = Mosaic(*joined.extent), Fusion(*joined.extent)
-        for item in self.clouds():
-            self._fusion.add(item.cloud, joined.poses[joined.numbers[item.stamp_ns]])
+        self._bags, self._joined, self._progress = bags, joined, progress
+        skin, places = unrolled(joined.joining.footprints, joined.poses)
+        flat = np.concatenate(places)[:, :2].astype(float)
+        # With some room, metres.
+        extent = flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
+        self.mosaic, self._fusion = Mosaic(skin, *extent), Fusion(skin, *extent)
+        for item, pose in self._clouds(False):
+            self._fusion.add(item.cloud, pose)
             progress()
 
-    def clouds(self) -> Iterator[BagCloud]:
-        """The clouds that were joined, each the first time that it comes."""
-        known = set(self._joined.numbers)
+    def _clouds(self, photographs: bool) -> Iterator[tuple[BagCloud, Pose]]:
+        """The clouds that were joined, each the first time that it comes, and their poses."""
+        numbers = dict(self._joined.numbers)
         for bag in self._bags:
-            for item in bag_clouds(bag, photographs=False):
-                if item.stamp_ns in known:
-                    known.discard(item.stamp_ns)
-                    yield item
+            for item in bag_clouds(bag, photographs=photographs):
+                number = numbers.pop(item.stamp_ns, None)
+                if number is not None:
+                    yield item, self._joined.poses[number]
 
-    def prepared(self, item: BagCloud) -> BagCloud:
-        """A cloud in its place as seen from the middle one, its points those of all clouds.
+    def inspected(
+        self, settings: SmallestDent, photographs: bool = True
+    ) -> Iterator[tuple[BagCloud, Inspected]]:
+        """Each cloud, its points those of all clouds, and its dents; the picture is drawn with it.
 
-        One that was not joined is as it was.
+        Poses are those seen from the middle cloud. Depths are as uncertain as what all clouds may
+        have in common.
         """
-        number = self._joined.numbers.get(item.stamp_ns)
-        if number is None:
-            return item
-        pose = self._joined.poses[number]
-        return replace(
-            item,
-            cloud=self._fusion.fused(item.cloud, pose),
-            pose=pose,
-            vehicle=pose,
-            covariance=self._joined.covariances_among_them[number],
+        graph = self._joined.joining.graph
+        among_them = graph.covariances(anchor=len(graph.poses) // 2)
+        for item, pose in self._clouds(photographs):
+            cloud = self._fusion.fused(item.cloud, pose)
+            covariance = among_them[self._joined.numbers[item.stamp_ns]]
+            placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
+            outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
+            found = outcome.found
+            self.mosaic.add(cloud, pose, found)
+            if found is not None:
+                dents, others = (
+                    tuple(self._doubted(dent, pose) for dent in part)
+                    for part in (found.dents, found.others)
+                )
+                outcome = replace(outcome, found=replace(found, dents=dents, others=others))
+            yield placed, outcome
+            self._progress()
+
+    def _doubted(self, dent: MeasuredDent, pose: Pose) -> MeasuredDent:
+        """A dent whose depth and volume are as uncertain as what clouds may have in common."""
+        part = self._fusion.shared(pose.apply(dent.position)) / abs(dent.depth.value)
+        depth, volume = (
+            Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
+            for each in (dent.depth, dent.volume)
         )
+        return replace(dent, depth=depth, volume=volume)
 
     def relief(self, dent: MeasuredDent) -> DentRelief | None:
         """The skin about a dent; None where its sizes are not known."""
@@ -348,37 +351,9 @@ class FusedSkin:
         heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
 
-    def completed(self, item: BagCloud, found: Inspection | None) -> Inspection | None:
-        """Draw a prepared cloud into the picture, with what its inspection tells, if anything.
-
-        Returns
-        -------
-        Inspection or None
-            Depths as uncertain as what all clouds may have in common.
-        """
-        number = self._joined.numbers.get(item.stamp_ns)
-        if number is None:
-            return found
-        pose = self._joined.poses[number]
-        self.mosaic.add(item.cloud, pose, item.skin, found)
-        if found is None:
-            return None
-
-        def doubted(dent: MeasuredDent) -> MeasuredDent:
-            part = self._fusion.shared(pose.apply(dent.position)) / abs(dent.depth.value)
-            depth, volume = (
-                Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
-                for each in (dent.depth, dent.volume)
-            )
-            return replace(dent, depth=depth, volume=volume)
-
-        dents, others = (tuple(map(doubted, part)) for part in (found.dents, found.others))
-        return replace(found, dents=dents, others=others)
-
 
 def report_on_skin(
     bag: Bag,
-    inspect: Inspect,
     rig: tuple[str, str] = ('', ''),
     camera: Lens | None = None,
     rules: Rules | None = None,
@@ -390,8 +365,6 @@ def report_on_skin(
     Parameters
     ----------
     bag : Bag
-    inspect : callable
-        `ftp_dent_ros.inspection.measuring.inspection.inspect`.
     rig, camera, rules, settings
         As `ftp_dent_ros.inspection.bag.survey_bag` has them.
     progress : callable
@@ -406,35 +379,25 @@ def report_on_skin(
     """
     joined = join_bags([bag], progress)
     skin = FusedSkin([bag], joined, progress)
-    report = survey_bag(
-        bag, inspect, rig, camera, rules, settings, progress, skin.prepared, skin.completed
-    )
+    inspector = CloudInspector(inspect, len(joined.poses), settings=settings)
+    covered = coverages_of(bag)
+    for item, outcome in skin.inspected(settings or SmallestDent()):
+        inspector.take(seen_cloud(item, covered), outcome)
+    report = inspector.report(str(bag.path), joined.frame_id, rig, camera, rules)
     # With what all places have in common: the error of the autopilot's poses.
-    numbers = {
-        each.number: joined.numbers[each.stamp_ns]
-        for each in report.frames
-        if each.stamp_ns is not None and each.stamp_ns in joined.numbers
-    }
     frames = tuple(
-        replace(each, covariance=joined.covariances[numbers[each.number]])
-        if each.number in numbers
-        else each
+        replace(each, covariance=joined.covariances[joined.numbers[each.stamp_ns or 0]])
         for each in report.frames
     )
-    places = {
-        each.number: joined.position_covariance(each.dent.position, numbers[each.best])
-        for each in report.entries
-        if each.best in numbers
-    }
-    entries = tuple(
-        replace(each, position_covariance=places.get(each.number, each.position_covariance))
-        for each in report.entries
-    )
+    entries = []
+    for each in report.entries:
+        best = frames[each.best - 1]
+        covariance = position_covariance(each.dent.position, best.pose, best.covariance)
+        entries.append(replace(each, position_covariance=covariance))
     dents = [
         SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
         for each in entries
     ]
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
     shown = skin_of(skin.mosaic, dents, facts, joined.remarks)
-    report = replace(report, frames=frames, entries=entries, frame_id=joined.frame_id, skin=shown)
-    return report, joined
+    return replace(report, frames=frames, entries=tuple(entries), skin=shown), joined

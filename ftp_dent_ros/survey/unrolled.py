@@ -1,9 +1,11 @@
-"""A skin that is curved one way, unrolled: along the axis, and around it."""
+"""A skin that is curved one way, unrolled: along the axis, and around it.
+
+A plane is a cylinder whose radius is so large that no cell tells.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -18,7 +20,7 @@ LARGEST = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Unrolled:
-    """A cylinder, or a plane, near a skin.
+    """A cylinder near a skin.
 
     Attributes
     ----------
@@ -27,7 +29,7 @@ class Unrolled:
     axis, around, normal : ndarray, shape (3,)
         Unit vectors there: of x, of y, and outward.
     radius : float
-        Metres, positive if the skin bends away from who looks at it; infinite for a plane.
+        Metres, positive if the skin bends away from who looks at it; 1000 km for a plane.
     """
 
     origin: NDArray[np.float64]
@@ -49,19 +51,16 @@ class Unrolled:
         bends = np.array([side @ spread @ side for side in sides[:2]])
         axis = sides[int(np.argmin(bends))] if bends.max() > 4 * bends.min() else sides[0]
         around = np.cross(normal, axis)
-        # The radius by how normals tilt with y; one larger than this is a plane, metres.
+        # The curvature by how normals tilt with y: towards growing y the outward normal turns that
+        # way where the skin bends away.
         y = along @ around
-        slope = float(y @ (normals @ around) / max(y @ y, 1e-12))
-        radius = math.inf if abs(slope) < 1 / 100.0 else 1 / slope
-        # Towards growing y the outward normal turns that way where the skin bends away.
-        return cls(origin, axis, around, normal, radius)
+        bend = float(y @ (normals @ around) / max(y @ y, 1e-12))
+        return cls(origin, axis, around, normal, 1 / math.copysign(max(abs(bend), 1e-6), bend))
 
     def place(self, points: NDArray) -> NDArray[np.float64]:
         """Place along the axis (x), around it (y), and height above it, metres, shape (..., 3)."""
         off = np.asarray(points, float) - self.origin
         x, y, z = off @ self.axis, off @ self.around, off @ self.normal
-        if math.isinf(self.radius):
-            return np.stack([x, y, z], axis=-1)
         sign = math.copysign(1.0, self.radius)
         from_axis = z + self.radius
         y_out = self.radius * np.arctan2(sign * y, sign * from_axis)
@@ -71,11 +70,8 @@ class Unrolled:
     def points(self, place: NDArray, height: NDArray | float = 0.0) -> NDArray[np.float64]:
         """Points of places x, y of shape (..., 2) at a height above them, metres, (..., 3)."""
         x, y = np.asarray(place, float)[..., 0], np.asarray(place, float)[..., 1]
-        if math.isinf(self.radius):
-            along, up = y, np.broadcast_to(height, y.shape)
-        else:
-            angle, from_axis = y / self.radius, self.radius + height
-            along, up = from_axis * np.sin(angle), from_axis * np.cos(angle) - self.radius
+        angle, from_axis = y / self.radius, self.radius + np.asarray(height, float)
+        along, up = from_axis * np.sin(angle), from_axis * np.cos(angle) - self.radius
         return (
             self.origin
             + x[..., None] * self.axis
@@ -96,18 +92,17 @@ class Gap:
         Along x and y, metres.
     area : float
         Square metres.
-    cells : ndarray, shape (n, 2), int
-        Its cells: row and column.
     """
 
     place: NDArray[np.float64]
     size: NDArray[np.float64]
     area: float
-    cells: NDArray[np.int64]
 
 
-def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64]) -> list[Gap]:
-    """What was not measured between what was, the largest first.
+def find_gaps(
+    measured: NDArray[np.bool_], low: NDArray[np.float64]
+) -> tuple[list[Gap], NDArray[np.bool_]]:
+    """What was not measured between what was.
 
     Parameters
     ----------
@@ -115,6 +110,13 @@ def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64]) -> list[Gap
         Of the cells of the unrolled skin; x goes with columns.
     low : ndarray, shape (2,)
         x and y of the first cell's corner, metres.
+
+    Returns
+    -------
+    gaps : list of Gap
+        The largest first.
+    mask : ndarray, shape (rows, columns), bool
+        Of the cells of all gaps.
     """
     # A gap is no wider than this; a wider one is the rim of what was flown over; metres.
     reach = int(np.ceil(0.1 / CELL / 2))
@@ -129,23 +131,16 @@ def find_gaps(measured: NDArray[np.bool_], low: NDArray[np.float64]) -> list[Gap
     count, labels, boxes, middles = cv2.connectedComponentsWithStats(
         (closed & ~measured).astype(np.uint8), connectivity=4
     )
-    gaps = []
+    gaps, mask = [], np.zeros(measured.shape, bool)
     for label in range(1, count):
-        left, top, *sides, cells = boxes[label]
-        box = labels[top : top + sides[1], left : left + sides[0]] == label
-        places = np.argwhere(box) + np.array([top, left])
+        left, top, width, height, cells = boxes[label]
+        box = slice(top, top + height), slice(left, left + width)
+        inside = labels[box] == label
         # Measured cells lie on both sides of most of it, across where it is narrower: else it is
         # a notch in the rim, or a corner that closing rounds off.
-        across = [axis for axis in (0, 1) if sides[1 - axis] == min(sides)]
-        if all(between[axis][tuple(places.T)].mean() >= 0.5 for axis in across):
-            place = low + CELL * (middles[label] + 0.5)
-            gaps.append(Gap(place, CELL * np.array(sides), float(cells * CELL**2), places))
-    return sorted(gaps, key=lambda gap: -gap.area)
-
-
-def gap_mask(gaps: Iterable[Gap], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Mask of the cells of all gaps."""
-    mask = np.zeros(shape, bool)
-    for gap in gaps:
-        mask[tuple(gap.cells.T)] = True
-    return mask
+        across = [axis for axis, side in ((0, height), (1, width)) if side == min(width, height)]
+        if all(between[axis][box][inside].mean() >= 0.5 for axis in across):
+            place, sides = low + CELL * (middles[label] + 0.5), CELL * np.array([width, height])
+            gaps.append(Gap(place, sides, float(cells * CELL**2)))
+            mask[box] |= inside
+    return sorted(gaps, key=lambda gap: -gap.area), mask

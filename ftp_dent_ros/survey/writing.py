@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from pathlib import Path
@@ -27,13 +26,10 @@ from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
 from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent
-from ftp_dent_ros.survey.unrolled import gap_mask
+from ftp_dent_ros.survey.unrolled import Gap
 
 # Depth that the picture of the deviation shows at its ends, metres.
 _DEEPEST = 0.5e-3
-
-# Of the heights in the page, metres, and the number of one that is not known.
-_STEP, _UNKNOWN = 1e-5, -32768
 
 
 def write_survey(folder: Path, survey: Surveyed, frame: AircraftFrame | None = None) -> list[Path]:
@@ -123,7 +119,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
                     'size_mm': (gap.size * 1e3).tolist(),
                     'area_m2': gap.area,
                 }
-                for gap in mosaic.gaps()
+                for gap in mosaic.gaps()[0]
             ],
         },
     }
@@ -140,11 +136,8 @@ def _record(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -
         'sightings': each.sightings,
         'cut': bool(dent.is_cut),
         'reason': dent.reason,
+        **dent.figures(('length_mm', 'width_mm', 'depth_mm')),
     }
-    for name in ('length', 'width', 'depth'):
-        estimate = getattr(dent, name)
-        record[f'{name}_mm'] = float(estimate.value) * 1e3
-        record[f'{name}_uncertainty_mm'] = float(estimate.uncertainty) * 1e3
     if frame is not None:
         # Station, buttock line and water line, and their standard uncertainties.
         place, spread = frame.place(dent.position)
@@ -164,7 +157,7 @@ def _coverage(mosaic: Mosaic) -> NDArray[np.uint8]:
     share = np.minimum(mosaic.views, 10) / 10
     grey = np.where(share > 0, 80 + 175 * share, 0)
     picture = np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8)
-    gaps = gap_mask(mosaic.gaps(), mosaic.measured().shape)
+    _, gaps = mosaic.gaps()
     wide = gaps.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
     picture[wide & (mosaic.views == 0)] = (40, 40, 220)
     return picture
@@ -180,7 +173,6 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
         In which places are given besides.
     """
     result = survey.result
-    dents = [each for each in result.dents if each.dent.kind == 'dent']
     facts = [
         ('Flown', f'{date_of(result.taken_ns)}, {len(survey.joined.poses)} clouds'),
         ('Joined by', '{} pairs of clouds, {} left out'.format(*survey.joined.pairs)),
@@ -189,14 +181,14 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
     ]
     if frame is not None:
         off = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
-        facts.append(('Aircraft', f'{len(frame.points)} points, {off:.1f} mm off at most'))
+        facts.append(('Aircraft', f'{len(frame.residuals)} points, {off:.1f} mm off at most'))
     return render(
         'ftp_dent_ros.survey',
         'survey.html',
         name=result.name,
         sources=result.sources,
         software=result.software,
-        headline=f'{len(dents)} dents, {len(result.dents) - len(dents)} others',
+        headline=f'{result.count} dents, {len(result.dents) - result.count} others',
         skin=skin_of(survey.mosaic, result.dents, facts, survey.remarks),
         dents=[_dent(each, survey, frame) for each in result.dents],
         frame=frame,
@@ -237,21 +229,14 @@ def _places(survey: Surveyed) -> dict[str, Any]:
         'low': mosaic.low.tolist(),
         'rows': height.shape[0],
         'columns': height.shape[1],
-        'step': _STEP,
-        'unknown': _UNKNOWN,
-        'height': _coded(height),
-        'findable': _coded(findable),
+        'height': drawing.coded(height),
+        'findable': drawing.coded(findable),
         'origin': skin.origin.tolist(),
         'axis': skin.axis.tolist(),
         'around': skin.around.tolist(),
         'normal': skin.normal.tolist(),
         'radius': skin.radius,
     }
-
-
-def _coded(values: NDArray[np.float64]) -> str:
-    steps = np.where(np.isfinite(values), np.rint(values / _STEP), _UNKNOWN)
-    return base64.b64encode(np.clip(steps, _UNKNOWN, 32767).astype('<i2').tobytes()).decode()
 
 
 def skin_of(
@@ -273,7 +258,7 @@ def skin_of(
         What could not be used, and why; the first twelve are shown.
     """
     rows, columns = mosaic.shape
-    cells = mosaic.coverage()
+    cells, (gaps, gap_mask) = mosaic.coverage(), mosaic.gaps()
     # A long strip is shown in parts, each at most four times as long as it is high.
     count = max(1, math.ceil(columns / (4.0 * rows)))
     more = [f'And {len(remarks) - 12} more remarks.'] if len(remarks) > 12 else []
@@ -282,10 +267,10 @@ def skin_of(
         'windows': [
             (round(k * columns / count, 2), round(columns / count, 2)) for k in range(count)
         ],
-        'layers': _layers(mosaic, cells),
+        'layers': _layers(mosaic, cells, gap_mask),
         'outlines': [_outline(each, mosaic) for each in dents],
         'bar': drawing.scale_bar(PIXEL, columns / count),
-        'facts': [*facts, *_coverage_facts(mosaic, cells)],
+        'facts': [*facts, *_coverage_facts(gaps, cells)],
         'gaps': [
             {
                 'x': f'{gap.place[0]:.3f}',
@@ -294,7 +279,7 @@ def skin_of(
                 'height': f'{gap.size[1] * 1e3:.0f}',
                 'area': f'{gap.area * 1e4:.1f}',
             }
-            for gap in mosaic.gaps()[:20]
+            for gap in gaps[:20]
         ],
         'remarks': [*remarks[:12], *more],
     }
@@ -308,7 +293,9 @@ def _by_cell(mosaic: Mosaic, values: NDArray) -> NDArray[np.float64]:
     return grid
 
 
-def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
+def _layers(
+    mosaic: Mosaic, cells: CoverageCells, gap_mask: NDArray[np.bool_]
+) -> list[dict[str, Any]]:
     picture = np.repeat(mosaic.image[::-1, :, None], 3, axis=-1)
     layers: list[dict[str, Any]] = [
         {
@@ -320,7 +307,7 @@ def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
         {
             'title': 'Deviation from the undeformed contour',
             'caption': 'Depth in mm, inward positive (red). Grey: not measured.',
-            'data': drawing.heat_map(mosaic.deviation[::-1], _DEEPEST),
+            'data': drawing.png(drawing.deviation_colours(mosaic.deviation[::-1], _DEEPEST)),
             'scale': drawing.depth_scale(_DEEPEST),
         },
     ]
@@ -334,7 +321,7 @@ def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
     share = np.log(np.clip(findable, low, high) / low) / np.log(high / low)
     pixels = table[np.nan_to_num(255 * share).astype(int)]
     pixels[~np.isfinite(findable)] = drawing.NOTHING
-    pixels[gap_mask(mosaic.gaps(), findable.shape)] = (216, 35, 42)
+    pixels[gap_mask] = (216, 35, 42)
     pixels = pixels.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
     layers.append(
         {
@@ -351,8 +338,7 @@ def _layers(mosaic: Mosaic, cells: CoverageCells) -> list[dict[str, Any]]:
     return layers
 
 
-def _coverage_facts(mosaic: Mosaic, cells: CoverageCells) -> list[tuple[str, str]]:
-    gaps = mosaic.gaps()
+def _coverage_facts(gaps: Sequence[Gap], cells: CoverageCells) -> list[tuple[str, str]]:
     missing = sum(gap.area for gap in gaps)
     share = cells.area / (cells.area + missing) if cells.area else 0.0
     largest = ', the largest {:.0f} x {:.0f} mm'.format(*(gaps[0].size * 1e3)) if gaps else ''

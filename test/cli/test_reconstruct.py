@@ -77,7 +77,7 @@ def refused(folder, capfd, *options, **names):
 def test_a_photograph_becomes_a_cloud(folder):
     done = run(*words(folder))
     assert (done.returncode, done.stderr) == (0, '')
-    cloud, frame_id = read_ply(folder / 'cloud.ply')
+    cloud, frame_id, _ = read_ply(folder / 'cloud.ply')
     assert frame_id == 'camera_optical_frame'
     off = np.abs(SKIN.distance(cloud.points[cloud.valid]))
     assert off.mean() < 1e-4
@@ -93,7 +93,7 @@ def test_a_photograph_becomes_a_cloud(folder):
 def test_the_options_reach_the_reconstruction(folder, photograph, capsys):
     options = '--method direct --unwrapping estrada --tau 0.7 --stride 2'
     assert main([*words(folder), *options.split()]) == 0
-    cloud, _ = read_ply(folder / 'cloud.ply')
+    cloud, *_ = read_ply(folder / 'cloud.ply')
     rig, pattern = read_rig(folder / 'rig.yaml'), read_pattern(folder / 'pattern.yaml')
     expected = Reconstructor(rig, pattern, Settings('direct', 'estrada', 0.7, 2))
     np.testing.assert_array_equal(
@@ -143,7 +143,7 @@ def test_other_photographs_are_taken_for_what_they_are(
     write_image(folder / name, pixels if pixels.max() > 255 else pixels.astype(np.uint8))
     assert main([*words(folder, image=name), *options]) == 0
     assert f'{name}: taken for {said}' in capfd.readouterr().out
-    cloud, _ = read_ply(folder / 'cloud.ply')
+    cloud, *_ = read_ply(folder / 'cloud.ply')
     assert np.abs(SKIN.distance(cloud.points[cloud.valid])).mean() < 5e-4
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dent_samples import make_dent
+from dent_samples import make_dent, scattered
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.dents.dent_list import DentList
@@ -21,12 +21,8 @@ TURNED = Pose(Rotation.from_euler('x', np.pi), np.zeros(3))
 
 def skin_of(rng, count):
     """Places, depths and lengths of dents of 3 m by 0.5 m of skin, no two near each other."""
-    places: list[np.ndarray] = []
-    while len(places) < count:
-        place = rng.uniform((-0.4, -0.25), (2.8, 0.25))
-        if all(np.linalg.norm(place - other) > 0.05 for other in places):
-            places.append(place)
-    return np.array(places), rng.uniform(2e-4, 2e-3, count), rng.uniform(0.015, 0.05, count)
+    places = scattered(rng, count, (-0.4, -0.25), (2.8, 0.25), 0.05)
+    return places, rng.uniform(2e-4, 2e-3, count), rng.uniform(0.015, 0.05, count)
 
 
 def flown(seed, along, marks=(), count=60):

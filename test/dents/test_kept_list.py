@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dent_samples import make_dent
+from dent_samples import make_dent, scattered
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.dents.dent_list import DentList
@@ -14,21 +14,11 @@ COVARIANCE = np.diag([0.025**2] * 3 + [np.radians(0.6) ** 2] * 3)
 SAME = Pose.from_rpy((0, 0, 0), (0, 0, 0))
 
 
-def hail(count, seed):
-    """Places on a skin of 0.9 x 0.5 m, at least 2 cm apart, and depths."""
-    rng = np.random.default_rng(seed)
-    places = []
-    while len(places) < count:
-        place = rng.uniform((0, 0), (0.9, 0.5))
-        if all(np.linalg.norm(place - other) > 0.02 for other in places):
-            places.append(place)
-    return np.array(places), rng.uniform(1.5e-4, 6e-4, count)
-
-
 @pytest.mark.parametrize('seed', [1, 2])
 def test_hail_is_counted_exactly_though_poses_err_by_centimetres_and_a_degree(seed):
     rng = np.random.default_rng(seed)
-    places, depths = hail(45, seed)
+    places = scattered(np.random.default_rng(seed), 45, (0, 0), (0.9, 0.5), 0.02)
+    depths = rng.uniform(1.5e-4, 6e-4, len(places))
     dents = DentList()
     seen = set()
     way = [(x, y) for y, to in ((0.15, 1), (0.35, -1)) for x in np.linspace(0.25, 0.65, 6)[::to]]
@@ -131,13 +121,12 @@ def test_what_a_crash_cut_short_is_left_out(tmp_path):
     assert KeptList(path).clouds == 2
 
 
-def test_no_other_frame_clears_it(tmp_path):
+def test_no_other_frame_clears_it():
     kept = KeptList()
     kept.add('map', 1, [make_dent()], SAME, COVARIANCE)
-    with pytest.raises(PoseError, match='odom'):
-        kept.add('odom', 2, [make_dent()], SAME, COVARIANCE)
-    with pytest.raises(PoseError, match='already'):
-        kept.add('map', 1, [make_dent()], SAME, COVARIANCE)
+    for frame_id, stamp_ns, said in (('odom', 2, 'odom'), ('map', 1, 'already')):
+        with pytest.raises(PoseError, match=said):
+            kept.add(frame_id, stamp_ns, [make_dent()], SAME, COVARIANCE)
     assert (len(kept.entries), kept.clouds, kept.frame_id) == (1, 1, 'map')
 
 

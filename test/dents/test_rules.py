@@ -1,3 +1,6 @@
+"""Limits, estimates and the smallest dent: what is decided, and what is refused."""
+
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -5,7 +8,7 @@ import pytest
 import yaml
 from dent_samples import make_dent
 
-from ftp_dent_ros.dents.dent import Estimate
+from ftp_dent_ros.dents.dent import Estimate, SmallestDent
 from ftp_dent_ros.dents.rules import Limit, Rules, read_rules, verdict
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
@@ -100,3 +103,18 @@ def test_each_malformed_field_is_named_in_one_sentence(tmp_path, change, words):
         read_rules(path)
     assert words in str(error.value)
     assert str(error.value).startswith(f'{path}: ') and '\n' not in str(error.value)
+
+
+def test_a_value_that_nothing_bounds_is_not_measured():
+    for uncertainty in (math.nan, math.inf, -1e-6):
+        estimate = Estimate(3.342e-3, uncertainty)
+        assert not estimate.is_measured and math.isnan(estimate.value)
+    # A bound may be zero, and the next dent nowhere.
+    assert Estimate(-1e-3, 0.0).is_measured and Estimate(math.inf, 1e-3).is_measured
+
+
+@pytest.mark.parametrize('value', [0, 5.0, math.nan, '0.1'])
+@pytest.mark.parametrize('name', ['smallest_depth', 'smallest_width'])
+def test_what_is_no_length_is_refused(name, value):
+    with pytest.raises(ConfigurationError, match=name):
+        SmallestDent(**{name: value})

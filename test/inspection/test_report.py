@@ -6,7 +6,6 @@ import io
 import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -59,17 +58,6 @@ def report():
     return survey().report('a <photo>.png', 'camera_optical_frame', ('rig.yaml', 'abc'), CAMERA)
 
 
-class Links(HTMLParser):
-    def __init__(self, text):
-        super().__init__()
-        self.found, self.tags = [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append(tag)
-        self.found += [value for name, value in attributes if name in ('src', 'href')]
-
-
 def test_the_data_hold_what_an_inspector_asks_for(tmp_path, report):
     write_report(tmp_path, replace(report, rules=RULES))
     data = json.loads((tmp_path / 'dents.json').read_text())
@@ -95,10 +83,9 @@ def test_the_data_hold_what_an_inspector_asks_for(tmp_path, report):
 
 def test_the_page_needs_nothing_but_itself(tmp_path, report):
     page = write_report(tmp_path, replace(report, rules=RULES)).read_text()
-    links = Links(page)
-    assert all(link.startswith(('data:', '#')) for link in links.found)
+    assert all(re.match('data:|#', link) for link in re.findall(r'(?:src|href)="([^"]*)', page))
     assert 'http' not in re.sub(r'data:[^"]*', '', page)
-    assert {'canvas', 'table', 'polygon', 'image'} <= set(links.tags)
+    assert all(f'<{tag}' in page for tag in ('canvas', 'table', 'polygon', 'image'))
     assert 'a &lt;photo&gt;.png' in page and 'Limits &lt;of&gt; mine' in page
     assert '2 dents found' in page and 'rig.yaml, id abc' in page
     assert 'none: positions are relative to the camera' in page
@@ -135,12 +122,12 @@ def test_clouds_without_the_image_of_their_skin_are_told(report):
     assert told == 'the cloud has no image of the skin: narrow gouges were not looked for there'
     (frame,) = report.frames
     with_skin = replace(frame, has_skin=True)
-    assert dict(facts_of(replace(report, frames=(with_skin,))))['Marks of gouges'].startswith(
-        'looked for'
-    )
-    assert dict(facts_of(replace(report, frames=(frame, with_skin))))[
-        'Marks of gouges'
-    ].startswith('1 of 2 clouds have no')
+    for frames, said in (
+        ((with_skin,), 'looked for'),
+        ((frame, with_skin), '1 of 2 clouds have no'),
+    ):
+        facts = dict(facts_of(replace(report, frames=frames)))
+        assert facts['Marks of gouges'].startswith(said)
 
 
 def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path):

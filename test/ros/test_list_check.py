@@ -30,7 +30,7 @@ def node_list(*dents):
     entries = []
     for number, dent in enumerate(dents, start=1):
         there = replace(dent, position=dent.position + 0.05 * AXIS)
-        sighting = Sighting(number, there, np.eye(3) * DEVIATION**2, ())
+        sighting = Sighting(number, there, np.eye(3) * DEVIATION**2)
         entries.append(listed(number, (sighting,)))
     return dents_from_message(dents_to_message(entries, 0, 'map'))
 

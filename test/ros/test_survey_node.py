@@ -56,8 +56,8 @@ class Bench:
 def flight():
     skin = FlownSkin(31)
     poses = list(skin.flight(6))
-    seen = [skin.seen(pose, index) for index, pose in enumerate(poses)]
-    return poses, erring(poses, 31), seen
+    clouds = [skin.seen(pose, index) for index, pose in enumerate(poses)]
+    return poses, erring(poses, 31), [(cloud, cloud.skin) for cloud in clouds]
 
 
 def steps(poses):

@@ -18,9 +18,8 @@ HALF_S = 500_000_000
 def joined(skin, poses, stated, remark=lambda text: None):
     joining = Joining(remark)
     for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
-        cloud, seen = skin.seen(pose, index)
         covariance = None if said is None else STATED
-        joining.add(index * HALF_S, cloud, seen, said, covariance)
+        joining.add(index * HALF_S, skin.seen(pose, index), said, covariance)
     joining.finish()
     return joining
 
@@ -105,9 +104,8 @@ def test_passes_are_joined_anew_where_they_show_other_skin():
     for flight, y in enumerate((0.0, 0.1)):
         poses = list(skin.flight(5, y=y))
         for index, (pose, said) in enumerate(zip(poses, erring(poses, flight), strict=True)):
-            cloud, seen = skin.seen(pose, 10 * flight + index)
-            stamp = (10 * flight + index) * HALF_S
-            joining.add(stamp, cloud, seen, said, STATED, flight)
+            number = 10 * flight + index
+            joining.add(number * HALF_S, skin.seen(pose, number), said, STATED, flight)
     joining.finish()
     closing = [link.second for link in joining.graph.links if link.first < 5 <= link.second]
     # A cloud is 0.22 m across, and 0.05 m from the one before.

@@ -35,22 +35,22 @@ HALF_S = 500_000_000
 START_NS = 1_760_000_000 * SECOND
 
 
-def contents(cloud, skin, pose, stamp_ns):
+def contents(cloud, pose, stamp_ns, rows):
     eye = 'camera_optical_frame'
-    yield '/skin', data_of(image(stamp_ns, eye, skin, 'mono8'), IMAGE)
+    yield '/skin', data_of(image(stamp_ns, eye, cloud.skin[:rows], 'mono8'), IMAGE)
     yield '/points', data_of(cloud_message(stamp_ns, eye, cloud), CLOUD)
     if pose is not None:
         there = place(pose.translation, pose.quaternion)
         yield '/tagged/camera_pose', located(stamp_ns, there, STATED)
 
 
-def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig=''):
+def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig='', rows=ROWS):
     with BagWriter(folder) as writer:
         if rig:
             writer.custom_data['rig'] = rig
         for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
             stamp = start_ns + index * HALF_S
-            for name, data in contents(*skin.seen(pose, index), said, stamp):
+            for name, data in contents(skin.seen(pose, index), said, stamp, rows):
                 if name not in without:
                     writer.add_topic(topic(name, TYPES[name]))
                     writer.write([Message(name, TYPES[name], stamp, stamp, data)])
@@ -110,20 +110,19 @@ def test_the_report_on_a_bag_shows_the_whole_skin(tmp_path, skin, capsys):
     assert 'is no bag' in capsys.readouterr().err
 
 
-def test_what_a_bag_lacks_is_told(tmp_path, skin):
+def test_what_a_bag_lacks_is_told_or_it_is_refused(tmp_path, skin, capsys):
     poses = list(skin.flight(3))
-    for stated, without, wanted in (
-        ([None] * 3, (), '3 of 3 clouds have no pose'),
-        (poses, ('/skin',), '3 of 3 clouds have no image of the skin'),
+    no_skin = '3 of 3 clouds have no image of the skin'
+    for name, stated, lacking, wanted in (
+        ('poses', [None] * 3, {}, '3 of 3 clouds have no pose'),
+        ('skin', poses, {'without': ('/skin',)}, no_skin),
+        # One of another size is none of the cloud's.
+        ('size', poses, {'rows': ROWS - 9}, no_skin),
     ):
-        bag = record(tmp_path / f'without{len(without)}', skin, poses, stated, without=without)
+        bag = record(tmp_path / name, skin, poses, stated, **lacking)
         assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
         remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
         assert any(wanted in text for text in remarks)
-
-
-def test_a_bag_with_neither_poses_nor_skin_is_refused(tmp_path, skin, capsys):
-    poses = list(skin.flight(3, start=0.3))
     bag = record(tmp_path / 'bare', skin, poses, [None] * 3, without=('/skin',))
     assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 2
     assert 'has neither poses nor images of the skin' in capsys.readouterr().err
@@ -176,32 +175,26 @@ def test_a_gap_between_passes_is_found_and_no_cell_too_many(skin):
     poses = [Pose(down, np.array([0.0, y, 0.8])) for y in (-0.12, 0.12)]
     flat = FlownSkin(3)
     mosaic = Mosaic(
-        Unrolled(np.zeros(3), *np.eye(3)[[0, 1, 2]], float('inf')),
+        Unrolled(np.zeros(3), *np.eye(3)[[0, 1, 2]], 1e6),
         np.array([-0.3, -0.4]),
         np.array([0.3, 0.4]),
     )
     for number, pose in enumerate(poses):
-        cloud, image = flat.seen(pose, number)
-        mosaic.add(cloud, pose, image, None)
-    (gap,) = mosaic.gaps()
+        mosaic.add(flat.seen(pose, number), pose, None)
+    (gap,), _ = mosaic.gaps()
     assert gap.size[1] == pytest.approx(0.02, abs=0.0101)
     assert abs(gap.place[1]) < 0.01
     area = mosaic.measured().sum() * 1e-4
     assert area == pytest.approx(2 * COLUMNS * ROWS * SPACING**2, rel=0.03)
 
 
-@pytest.mark.parametrize('radius', [1.0, -1.5, np.inf])
+@pytest.mark.parametrize('radius', [1.0, -1.5, 1e9])
 def test_unrolled_lengths_are_those_on_the_skin(radius):
-    angles = np.linspace(-0.2, 0.2, 21)
-    x, along = np.meshgrid(np.linspace(0, 2, 11), angles)
-    if np.isinf(radius):
-        points = np.stack([x, along, 0 * x], axis=-1).reshape(-1, 3)
-        normals = np.tile([0.0, 0, 1], (len(points), 1))
-    else:
-        normals = np.stack([0 * x, np.sin(along), np.cos(along)], axis=-1).reshape(-1, 3)
-        points = radius * normals + np.stack([x, 0 * x, 0 * x], axis=-1).reshape(-1, 3)
+    x, around = np.meshgrid(np.linspace(0, 2, 11), np.linspace(-0.2, 0.2, 21))
+    angle = around / radius
+    normals = np.stack([0 * x, np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 3)
+    points = radius * (normals - [0, 0, 1]) + np.stack([x, 0 * x, 0 * x], axis=-1).reshape(-1, 3)
     skin = Unrolled.through(points, normals)
     place = skin.place(points).reshape(21, 11, 3)
-    length = 0.4 * (1.0 if np.isinf(radius) else abs(radius))
-    assert abs(place[-1, 0, 1] - place[0, 0, 1]) == pytest.approx(length, rel=0.02)
+    assert abs(place[-1, 0, 1] - place[0, 0, 1]) == pytest.approx(0.4, rel=0.02)
     assert np.ptp(place[..., 2]) < 5e-3
