@@ -122,7 +122,7 @@ def _demonstrate(blocks: dict[str, Any], clouds: int, folder: Path) -> tuple[Fig
         bag = open_bag(fly(folder, blocks, clouds, render, progress, bar.write))
     shutil.rmtree(ahead)
     world = read_world(camera['simulation.scene'], camera['simulation.start_ns'])
-    count = sum(bag.metadata.message_counts[topic] for topic in ('/points', '/tagged/points'))
+    count = sum(bag.message_counts[topic] for topic in ('/points', '/tagged/points'))
     with progress_bar('comparing with the truth', count, 'cloud') as bar:
         appraisal = appraise(bag, world, bar.update)
     dents, skin, poses = _inspect(bag, world, camera['rig'], folder / REPORT)
@@ -145,7 +145,7 @@ def _inspect(
     file = find(rig)
     calibrated = read_rig(file)
     named, camera = (file.name, calibrated.id), calibrated.camera
-    count = bag.metadata.message_counts['/points']
+    count = bag.message_counts['/points']
     with progress_bar('inspecting', 3 * count, 'cloud') as bar:
         report, joined = report_on_skin(bag, inspect, named, camera, progress=bar.update)
     write_report(folder, replace(report, source='flight of the demonstration'))

@@ -22,7 +22,6 @@ from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import IDENTITY
 from ftp_dent_ros.recording.clouds import (
     BagCloud,
-    SkippedMessage,
     bag_clouds,
     count_clouds,
     coverages_of,
@@ -84,7 +83,7 @@ def survey_bag(
     repeat = tagged and prepared is None
     survey = CloudInspector(inspect, count, repeat=repeat, placed=tagged, settings=settings)
     frame_id, in_camera = '', True
-    skipped: list[SkippedMessage] = []
+    skipped: list[str] = []
     read: deque[tuple[BagCloud, SeenCloud]] = deque()
 
     def tasks() -> Iterator[Task]:
@@ -103,7 +102,7 @@ def survey_bag(
         progress()
     report = survey.report(str(bag.path), frame_id, rig, camera if in_camera else None, rules)
     if not report.frames:
-        reasons = [*survey.refused, *map(str, skipped)]
+        reasons = [*survey.refused, *skipped]
         reason = f' ({reasons[0]})' if reasons else ''
         raise CloudError(
             f'{bag.path}: no cloud in it could be inspected{reason}: check the clouds'
@@ -113,7 +112,7 @@ def survey_bag(
         frame if frame.stamp_ns is None else replace(frame, coverage=covered.get(frame.stamp_ns))
         for frame in report.frames
     )
-    return replace(report, frames=frames, skipped=tuple(map(str, skipped)))
+    return replace(report, frames=frames, skipped=tuple(skipped))
 
 
 def _observation(item: BagCloud) -> SeenCloud:

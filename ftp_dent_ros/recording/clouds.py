@@ -79,26 +79,6 @@ class BagCloud:
     skin: NDArray[np.uint8] | None = None
 
 
-@dataclass(frozen=True)
-class SkippedMessage:
-    """A message that could not be used.
-
-    Attributes
-    ----------
-    topic : str
-    stamp_ns : int
-        Of its header; where that cannot be read, when it was received.
-    reason : str
-    """
-
-    topic: str
-    stamp_ns: int
-    reason: str
-
-    def __str__(self) -> str:
-        return f'{self.topic} at {self.stamp_ns / 1e9:.3f} s: {self.reason}'
-
-
 def count_clouds(bag: Bag) -> tuple[int, bool]:
     """How many clouds a bag has, and whether they are tagged with their poses.
 
@@ -114,7 +94,7 @@ def count_clouds(bag: Bag) -> tuple[int, bool]:
 
 def bag_clouds(
     bag: Bag,
-    skip: Callable[[SkippedMessage], object] = lambda skipped: None,
+    skip: Callable[[str], object] = lambda sentence: None,
     photographs: bool = True,
 ) -> Iterator[BagCloud]:
     """Clouds of a bag in the order of their arrival: the tagged ones, else those of `POINTS`.
@@ -123,8 +103,8 @@ def bag_clouds(
     ----------
     bag : Bag
     skip : callable
-        Called with each message that cannot be used. A cloud or its pose costs that cloud, a
-        photograph nothing else.
+        Called with a sentence on each message that cannot be used. A cloud or its pose costs that
+        cloud, a photograph nothing else.
     photographs : bool
         Whether they are asked for.
 
@@ -148,13 +128,13 @@ def bag_clouds(
             content = _usable(message, content)
         except FtpDentError as reason:
             at_ns = message.log_time_ns if stamp_ns is None else stamp_ns
-            skip(SkippedMessage(message.topic, at_ns, str(reason)))
+            skip(f'{message.topic} at {at_ns / 1e9:.3f} s: {reason}')
             if stamp_ns is None:
                 continue
             content = None
         if stamp_ns in done:
             if message.topic in wanted:
-                skip(SkippedMessage(message.topic, stamp_ns, 'is there a second time'))
+                skip(f'{message.topic} at {stamp_ns / 1e9:.3f} s: is there a second time')
             continue
         parts = waiting.setdefault(stamp_ns, {})
         parts[message.topic] = content
@@ -183,7 +163,7 @@ def rig_id_of(bag: Bag) -> str:
     The recorder writes it into the metadata. Where the recorder was killed, the recorded
     diagnostics have it.
     """
-    noted = bag.metadata.custom_data.get(RIG, '')
+    noted = bag.custom_data.get(RIG, '')
     return noted or next(filter(None, map(rig_id_in, _diagnostics(bag))), '')
 
 
@@ -203,8 +183,8 @@ def coverages_of(bag: Bag) -> dict[int, Coverage]:
 
 
 def _diagnostics(bag: Bag) -> Iterator[Any]:
-    topics = [topic.name for topic in bag.metadata.topics if topic.type == _DIAGNOSTICS]
-    for message in bag.messages(topics) if topics else ():
+    topics = [topic.name for topic in bag.topics if topic.type == _DIAGNOSTICS]
+    for message in bag.messages(topics):
         if message.type == _DIAGNOSTICS:
             yield bag.deserialise(message)
 
@@ -223,8 +203,8 @@ def _wanted(bag: Bag) -> frozenset[str]:
 def _counts(bag: Bag) -> dict[str, int]:
     """Messages of the topics that are asked for and have the type expected."""
     return {
-        topic.name: bag.metadata.message_counts.get(topic.name, 0)
-        for topic in bag.metadata.topics
+        topic.name: bag.message_counts[topic.name]
+        for topic in bag.topics
         if topic.type == _TYPES.get(topic.name)
     }
 

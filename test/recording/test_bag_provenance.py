@@ -28,7 +28,7 @@ def test_the_metadata_tell_it_first(tmp_path):
         writer.write([diagnostics(0, rig='of-diagnostics')])
         writer.custom_data['rig'] = '0123456789ab'
     bag = open_bag(tmp_path / 'bag')
-    assert bag.metadata.custom_data == {'rig': '0123456789ab'}
+    assert bag.custom_data == {'rig': '0123456789ab'}
     assert rig_id_of(bag) == '0123456789ab'
 
 

@@ -118,13 +118,12 @@ class Foxglove:
     def _new_channel(self, name: str, kind: str) -> dict[str, Any]:
         from ftp_dent_ros.recording import topic
 
-        definition = topic.find_definition(kind, topic.type_hash(kind))
         return {
             'id': len(self._channels) + 1,
             'topic': name,
             'encoding': 'cdr',
             'schemaName': kind,
-            'schema': definition,
+            'schema': topic.known_topic(name, kind).definition,
             'schemaEncoding': 'ros2msg',
         }
 
