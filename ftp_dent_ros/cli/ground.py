@@ -15,7 +15,6 @@ from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.link import GroundLink, Security, endpoints, make_keys
-from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.supervision import transport
@@ -87,13 +86,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run_page(arguments: argparse.Namespace) -> int:
     """The page alone: this machine has no ROS."""
+    from ftp_dent_ros.ground.page.server import PageServer
+
     stop = stop_event()
     items: queue.Queue[Item] = queue.Queue(_QUEUE)
     security = Security(arguments.keys, arguments.open)
     link = GroundLink('ground', arguments.address, security, arguments.name)
     with (
         contextlib.closing(Station(link, items.put, arguments.station)) as station,
-        contextlib.closing(serve_page(arguments.web, station)) as page,
+        contextlib.closing(PageServer(arguments.web, station)) as page,
     ):
         print(f'what comes is shown at {page.url} (no ROS here: no topics)', flush=True)
         print(f'for Foxglove it is at {page.foxglove_url}', flush=True)

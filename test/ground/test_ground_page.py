@@ -23,7 +23,6 @@ from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import GroundLink, Security
-from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.page.scene import PageScene
 from ftp_dent_ros.ground.page.server import PageServer
 from ftp_dent_ros.ground.protocol import Importance, Item
@@ -201,16 +200,23 @@ def test_the_scene_refuses_what_is_no_item(items):
     assert scene.version == 0 and scene.state()['dents'] == []
 
 
-@pytest.fixture
-def served():
-    done = []
+class Works:
+    """A station that keeps the commands that it is given."""
 
-    def command(name):
-        done.append(name)
+    def __init__(self):
+        self.done = []
+        self.rate, self.summary = lambda: 125.0, lambda: (0, 'works')
+
+    def command(self, name):
+        self.done.append(name)
         return Answer(True, name)
 
-    server = PageServer('127.0.0.1:0', lambda: {'level': 0, 'text': 'works', 'rate': 1}, command)
-    yield urlsplit(server.url), done
+
+@pytest.fixture
+def served():
+    station = Works()
+    server = PageServer('127.0.0.1:0', station)
+    yield urlsplit(server.url), station.done
     server.close()
 
 
@@ -264,7 +270,7 @@ def test_the_body_of_a_refused_request_is_no_request(served):
 
 def test_every_page_asks_for_its_own_key(served):
     url, _ = served
-    other = PageServer('0.0.0.0:0', dict, lambda name: Answer(True, ''))
+    other = PageServer('0.0.0.0:0', Works())
     try:
         beyond = urlsplit(other.url)
         here = beyond._replace(netloc=f'127.0.0.1:{beyond.port}')
@@ -280,7 +286,7 @@ def test_every_page_asks_for_its_own_key(served):
     finally:
         other.close()
     with pytest.raises(ConfigurationError, match='cannot be served'):
-        PageServer('nowhere', dict, lambda name: Answer(True, ''))
+        PageServer('nowhere', Works())
 
 
 def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
@@ -299,7 +305,7 @@ def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
     station = Station(
         GroundLink('ground', address, Security()), lambda item: pages[0].take(item), 'browser'
     )
-    pages.append(serve_page('127.0.0.1:0', station))
+    pages.append(PageServer('127.0.0.1:0', station))
     try:
         browser.open(pages[0].url)
         for item in items:
