@@ -276,12 +276,9 @@ def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
         bench.tag(stamp, pose, covariance, frames[1])
         bench.show(points, stamp, frames[0])
 
-    def moved(x):
-        message = pose_to_message(CAMERA_POSES[0])
-        message.position.x = x
-        return message
-
     good, pose = cloud, CAMERA_POSES[0]
+    moved = pose_to_message(pose)
+    moved.position.x = 1e300
     nothing = Cloud(np.zeros((60, 80, 3), np.float32), np.zeros((60, 80), np.float32))
     # Nor does a frame of its own make a list of it.
     send(100, good, pose, SURE, (CAMERA, 'odom'))
@@ -290,12 +287,8 @@ def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
     ros.until(lambda: bench.value('inspected') == '1' and listed)
     hostile = [
         ('already seen', (1, good, pose)),
-        ('already seen', (1, good, pose)),
-        ('wrong pose', (2, good, moved(1e300))),
-        ('wrong pose', (3, good, moved(float('nan')))),
-        ('wrong pose', (5, good, pose, 1e300 * np.eye(6))),
-        ('wrong pose', (6, good, pose, -SURE)),
-        ('wrong pose', (7, good, pose, np.full((6, 6), np.nan))),
+        ('wrong pose', (2, good, moved)),
+        ('wrong pose', (3, good, pose, -SURE)),
         ('wrong cloud', (8, nothing, pose)),
         ('wrong frame', (9, good, pose, SURE, ('map', 'map'))),
         ('wrong frame', (10, good, pose, SURE, (CAMERA, 'odom'))),

@@ -1,6 +1,4 @@
-import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -42,24 +40,6 @@ class Lines(list):
 @pytest.fixture
 def lines():
     return Lines()
-
-
-def one_that_ends(processes):
-    ends = []
-    until(lambda: ends.extend(processes.ended(0.1)) or ends)
-    return ends[0]
-
-
-def test_tells_a_status_from_a_signal(lines):
-    with Processes(lines.show) as processes:
-        processes.start(script('a', 'raise SystemExit(3)'))
-        end = one_that_ends(processes)
-        assert str(end) == 'a ended with status 3'
-        processes.start(script('a', WAIT))
-        until(lambda: lines)
-        os.kill(int(lines[0][1]), signal.SIGKILL)
-        assert str(one_that_ends(processes)) == 'a was killed by SIGKILL'
-        assert processes.names == ()
 
 
 def test_stops_with_one_term(lines):
