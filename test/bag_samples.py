@@ -89,6 +89,19 @@ def pose_data(seconds: int) -> bytes:
     return serialised(POSE, header(SECOND * seconds, 'map'), place((seconds, 0, 0), (0, 0, 0, 1)))
 
 
+ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+DIAGNOSTICS = topic('/diagnostics', ARRAY)
+
+
+def diagnostics(seconds: int, **told: str) -> Message:
+    """What a node tells of itself."""
+    values = [made('diagnostic_msgs/msg/KeyValue', name, value) for name, value in told.items()]
+    status = made('diagnostic_msgs/msg/DiagnosticStatus', 0, 'reconstruction', '', '', values)
+    data = serialised(ARRAY, header(SECOND * seconds, ''), [status])
+    time_ns = START_NS + seconds
+    return Message('/diagnostics', ARRAY, time_ns, time_ns, data, seconds)
+
+
 def sample_messages(count: int) -> list[Message]:
     """Words and poses in turn, 10 ms apart, with words of growing length."""
     messages = []

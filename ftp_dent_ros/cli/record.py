@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -22,7 +21,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError
-from ftp_dent_ros.recording.clouds import RIG, rig_id_in
 from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
@@ -32,7 +30,7 @@ from ftp_dent_ros.recording.topic import (
     known_topic,
 )
 from ftp_dent_ros.recording.writer import BagSpool, BagWriter
-from ftp_dent_ros.ros.qos import DIAGNOSTICS, AnySubscription
+from ftp_dent_ros.ros.qos import AnySubscription
 from ftp_dent_ros.ros.session import say, session
 
 # Memory for messages that wait for the disk, bytes: half a minute of a flight.
@@ -64,7 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
         writer = _writer(arguments, output)
         spool = BagSpool(writer, _CAPACITY)
         recorder = Recorder(node, writer.add_topic, spool.put, names, arguments.all)
-        _note_rig(node, writer)
         start = time.monotonic()
         try:
             _receive(node, recorder, spool, writer, stop)
@@ -98,18 +95,6 @@ def _writer(arguments: argparse.Namespace, output: Path) -> BagWriter:
     from ftp_dent_ros.recording.compression import CompressedBagWriter
 
     return CompressedBagWriter(output)
-
-
-def _note_rig(node: Node, writer: BagWriter) -> None:
-    """Have the bag say which rig measures: the latest in the diagnostics."""
-
-    def on_array(array: Any) -> None:
-        rig_id = rig_id_in(array)
-        if rig_id:
-            writer.custom_data[RIG] = rig_id
-
-    array_type = message_class('diagnostic_msgs/msg/DiagnosticArray')
-    node.create_subscription(array_type, '/diagnostics', on_array, DIAGNOSTICS)
 
 
 def _receive(

@@ -38,9 +38,6 @@ _TYPES = {
     CAMERA_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     SKIN: 'sensor_msgs/msg/Image',
 }
-#: Name of the rig's id, in a bag's custom data as in the diagnostics of ``reconstruction``.
-RIG = 'rig'
-NO_RIG = 'none'
 _DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
@@ -148,23 +145,10 @@ def bag_clouds(
             del waiting[next(iter(waiting))]
 
 
-def rig_id_in(array: Any) -> str:
-    """Id of the rig in a diagnostic_msgs/DiagnosticArray; empty if there is none."""
-    for status in array.status:
-        for value in status.values:
-            if value.key == RIG and value.value not in ('', NO_RIG):
-                return str(value.value)
-    return ''
-
-
 def rig_id_of(bag: Bag) -> str:
-    """Id of the rig that measured a bag's clouds; empty if the bag does not say it.
-
-    The recorder writes it into the metadata. Where the recorder was killed, the recorded
-    diagnostics have it.
-    """
-    noted = bag.custom_data.get(RIG, '')
-    return noted or next(filter(None, map(rig_id_in, _diagnostics(bag))), '')
+    """Id of the rig that measured a bag's clouds; empty if its diagnostics do not say it."""
+    told = (values.get('rig', 'none') for values in _diagnostics(bag))
+    return next((rig_id for rig_id in told if rig_id not in ('', 'none')), '')
 
 
 def coverages_of(bag: Bag) -> dict[int, Coverage]:
@@ -173,20 +157,20 @@ def coverages_of(bag: Bag) -> dict[int, Coverage]:
     The diagnostics of ``reconstruction`` have that of the worst cloud of each second.
     """
     coverages = {}
-    for array in _diagnostics(bag):
-        for status in array.status:
-            values = {str(item.key): str(item.value) for item in status.values}
-            stamp, coverage = values.get(NOTED_STAMP, ''), Coverage.noted(values)
-            if coverage is not None and stamp.isdecimal():
-                coverages[int(stamp)] = coverage
+    for values in _diagnostics(bag):
+        stamp, coverage = values.get(NOTED_STAMP, ''), Coverage.noted(values)
+        if coverage is not None and stamp.isdecimal():
+            coverages[int(stamp)] = coverage
     return coverages
 
 
-def _diagnostics(bag: Bag) -> Iterator[Any]:
+def _diagnostics(bag: Bag) -> Iterator[dict[str, str]]:
+    """What the nodes of a bag told of themselves, by name, each time."""
     topics = [topic.name for topic in bag.topics if topic.type == _DIAGNOSTICS]
     for message in bag.messages(topics):
         if message.type == _DIAGNOSTICS:
-            yield bag.deserialise(message)
+            for status in bag.deserialise(message).status:
+                yield {str(item.key): str(item.value) for item in status.values}
 
 
 def _wanted(bag: Bag) -> frozenset[str]:

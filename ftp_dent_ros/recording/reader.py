@@ -47,7 +47,6 @@ class Bag:
         By topic.
     start_ns : int
         Log time of the first message, ns since the epoch; `NO_TIME_NS` if there is none.
-    custom_data : mapping of str to str
     coded : mapping
         Names of topics that are stored compressed, and what they stand for.
     """
@@ -57,7 +56,6 @@ class Bag:
     topics: tuple[RecordedTopic, ...]
     message_counts: Mapping[str, int]
     start_ns: int
-    custom_data: Mapping[str, str]
     coded: Mapping[str, str]
 
     def topics_of(self, names: Collection[str]) -> list[RecordedTopic]:
@@ -120,7 +118,7 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     path = Path(path)
     if not path.exists():
         raise BagError(f'{path}: no such bag: check the path')
-    files, custom_data = _read_metadata(path) if path.is_dir() else ([path], {})
+    files = _files_of(path) if path.is_dir() else [path]
     topics: dict[tuple[str, str], RecordedTopic] = {}
     counts: Counter[str] = Counter()
     coded: dict[str, str] = {}
@@ -139,7 +137,7 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
                 counts[topic.name] += summary.statistics.channel_message_counts.get(channel.id, 0)
         if summary.statistics.message_count:
             start_ns = min(start_ns, summary.statistics.message_start_time)
-    return Bag(path, tuple(files), tuple(topics.values()), counts, start_ns, custom_data, coded)
+    return Bag(path, tuple(files), tuple(topics.values()), counts, start_ns, coded)
 
 
 def topic_from(channel: Channel, schema: Schema | None) -> RecordedTopic:
@@ -165,8 +163,8 @@ def topic_from(channel: Channel, schema: Schema | None) -> RecordedTopic:
     )
 
 
-def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
-    """Files of a bag's folder, and its custom data."""
+def _files_of(folder: Path) -> list[Path]:
+    """Files of a bag's folder, as its metadata have them."""
     path = folder / METADATA_FILE
     if not path.is_file():
         if not any(folder.glob('*.mcap')):
@@ -181,7 +179,6 @@ def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
         storage, mode = information['storage_identifier'], information.get('compression_mode', '')
         # Before version 4 the names included the bag's own folder.
         files = [folder / Path(name).name for name in information['relative_file_paths']]
-        given = dict(information.get('custom_data') or {})
     except (KeyError, TypeError, ValueError, AttributeError) as reason:
         raise BagError(
             f'{path}: not a rosbag2 metadata file ({type(reason).__name__}: {reason}): '
@@ -192,7 +189,7 @@ def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
             f'{folder}: stored as {storage} {mode}'.rstrip()
             + ', and only MCAP is read here: convert it with `ros2 bag convert`'
         )
-    return files, {str(name): str(value) for name, value in given.items()}
+    return files
 
 
 @contextmanager

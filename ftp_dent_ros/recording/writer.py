@@ -46,8 +46,6 @@ class BagWriter(AbstractContextManager['BagWriter']):
     ----------
     message_counts : dict of str to int
         Messages written, by topic.
-    custom_data : dict of str to str
-        Further entries of the metadata; may grow until the bag is closed.
     size : int
         Bytes of the file.
 
@@ -61,7 +59,6 @@ class BagWriter(AbstractContextManager['BagWriter']):
     def __init__(self, folder: Path) -> None:
         self.folder, self.size = folder, 0
         self.message_counts: dict[str, int] = defaultdict(int)
-        self.custom_data: dict[str, str] = {}
         self._path = folder / f'{folder.resolve().name}_0.mcap'
         self._topics: dict[str, RecordedTopic] = {}
         self._schemas: dict[str, int] = {}
@@ -199,7 +196,7 @@ class BagWriter(AbstractContextManager['BagWriter']):
             'compression_mode': '',
             'relative_file_paths': [self._path.name],
             'files': [{'path': self._path.name, **times}],
-            'custom_data': self.custom_data or None,
+            'custom_data': None,
             # Where no ROS is sourced it is that of the wheels.
             'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
         }

@@ -15,6 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.demonstration.flight import BOUNDS
 from ftp_dent_ros.files import find
+from ftp_dent_ros.recording.clouds import rig_id_of
 from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.messages import stamp_to_ns
@@ -75,8 +76,7 @@ def test_it_ends_with_the_report_on_the_dents_that_are_there(flight):
     assert figures['depth_error_mm'] < 0.08
     assert (data['frame_id'], data['rig']['file']) == ('map', 'rig.yaml')
     rig_id = read_rig(find('shipped:rig.yaml')).id
-    custom = open_bag(flight / 'bag').custom_data
-    assert data['rig']['id'] == custom['rig'] == rig_id
+    assert data['rig']['id'] == rig_id_of(open_bag(flight / 'bag')) == rig_id
     assert len(data['frames']) == figures['clouds'] and data['refused'] == []
     sightings = [each['sightings'] for each in found]
     assert sum(sightings) >= figures['sightings'] - figures['sightings_missed'] > 0
