@@ -18,6 +18,7 @@ from free_address import free_address
 from rosbags.interfaces import Nodetype
 
 from ftp_dent_ros.coding.cloud_codec import encode
+from ftp_dent_ros.coding.messages import DENT
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
@@ -77,25 +78,19 @@ def pose_item(topic):
 
 def dents_item():
     """One dent of 40 x 30 x 1.5 mm in the middle of the view, 0.8 m ahead."""
-    values = {'x': 1.0, 'y': 2.0, 'z': 3.8, 'normal_x': 0, 'normal_y': 0, 'normal_z': -1}
-    values |= {'axis_x': 1, 'axis_y': 0, 'axis_z': 0, 'length': 0.04, 'width': 0.03}
-    values |= {'depth': 1.5e-3, 'length_uncertainty': 1e-3, 'width_uncertainty': 1e-3}
-    values |= {'depth_uncertainty': 2e-5}
-    whole = {'number': 7, 'kind': 0, 'sightings': 3}
-    row = np.dtype([(name, '<f4') for name in values] + [(name, '<u4') for name in whole])
-    data = np.array([tuple({**values, **whole}.values())], row)
+    dent = np.zeros(1, DENT)
+    values = {'x': 1.0, 'y': 2.0, 'z': 3.8, 'normal_z': -1, 'axis_x': 1, 'number': 7}
+    values |= {'length': 0.04, 'width': 0.03, 'depth': 1.5e-3, 'sightings': 3}
+    values |= {'length_uncertainty': 1e-3, 'width_uncertainty': 1e-3, 'depth_uncertainty': 2e-5}
+    for name, value in values.items():
+        dent[name] = value
+    kind = 'sensor_msgs/msg/PointField'
     fields = [
-        message(
-            'sensor_msgs/msg/PointField',
-            name=name,
-            offset=4 * i,
-            datatype=6 if name in whole else 7,
-            count=1,
-        )
-        for i, name in enumerate(row.names)
+        message(kind, name=name, offset=DENT.fields[name][1], datatype=7, count=1)
+        for name in DENT.names
     ]
     given = {'header': header(), 'height': 1, 'width': 1, 'fields': fields}
-    given |= {'point_step': row.itemsize, 'data': np.frombuffer(data.tobytes(), np.uint8)}
+    given |= {'point_step': DENT.itemsize, 'data': dent.view(np.uint8)}
     return coded('dents/list', 'sensor_msgs/msg/PointCloud2', **given)
 
 

@@ -39,16 +39,6 @@ def test_recover_says_what_was_saved_and_what_was_cut(tmp_path, bag, capsys):
     assert len(output.splitlines()) == 4
 
 
-@pytest.mark.parametrize('name', ['nothing', 'empty.mcap', 'text.mcap'])
-def test_recover_of_nothing_is_an_error_of_one_line(tmp_path, capsys, name):
-    (tmp_path / 'empty.mcap').write_bytes(b'')
-    (tmp_path / 'text.mcap').write_bytes(b'some text')
-    assert main(['recover', str(tmp_path / name), '-o', str(tmp_path / 'new')]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f'ftp-dent recover: {tmp_path}/{name}: ')
-    assert not (tmp_path / 'new').exists()
-
-
 @pytest.mark.parametrize('missing', ['mcap', 'rosbags'])
 def test_without_the_libraries_the_commands_say_what_to_do(missing):
     code = (

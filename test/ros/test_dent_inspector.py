@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.coding.messages import dents_from_message
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.inspection.bag import survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -32,7 +33,7 @@ from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
+from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     image_to_message,
