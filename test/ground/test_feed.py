@@ -359,6 +359,18 @@ def test_what_the_ground_holds_is_bounded():
     assert [ground.add(piece) for _ in range(5)] == [None] * 5
 
 
+def test_a_list_that_a_newer_one_has_overtaken_is_of_no_use():
+    ground = Assembly(GROUND, 1)
+
+    def came(name, link=1):
+        whole = deflate(Item(Importance.DENTS, 'list', 'k', name, b'', latest=True).pack())
+        return ground.add(Piece(name, link, name, len(whole), 0, whole))
+
+    assert came(8).stamp_ns == 8 and came(7) is None and came(9).stamp_ns == 9
+    # Another start of the drone counts from elsewhere.
+    assert came(3, link=2).stamp_ns == 3
+
+
 def test_minutes_of_a_full_link_do_not_fill_its_buffer():
     line = Line(rate=30_000.0, delay=0.1)
     line.put(Importance.CLOUDS, 1, 30_000_000)
