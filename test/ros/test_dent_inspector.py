@@ -105,13 +105,6 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     for value, true in zip(values, truth, strict=True):
         np.testing.assert_allclose([value[a] for a in 'xyz'], true.position, atol=5e-4)
         np.testing.assert_allclose([value[f'normal_{a}'] for a in 'xyz'], true.normal, atol=0.01)
-    # The command and the bag call the same, on what a file or a bag holds.
-    found = inspect(cloud)
-    alone = DentList()
-    dents_here = [dent.transformed(IDENTITY) for dent in (*found.dents, *found.others)]
-    alone.add(1, dents_here, IDENTITY, EXACT)
-    same = dents_to_message(alone.entries, stamp_to_ns(message.header.stamp), CAMERA)
-    assert bytes(message.data) == bytes(same.data)
     # Who comes late is told the list.
     late = ros.collect(PointCloud2, 'dents/list', LATCHED)
     markers = ros.collect(MarkerArray, 'dents/markers', LATCHED)

@@ -15,9 +15,8 @@ import pytest
 for library in ('mcap', 'rosbags'):
     pytest.importorskip(library, reason='bags need it')
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from rcl_interfaces.msg import Log, ParameterEvent
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import Reader
@@ -50,14 +49,9 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LONG_BEST_EFFORT = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 DESIGN_TYPES = {
     'sensor_msgs/msg/Image': Image,
-    'sensor_msgs/msg/CameraInfo': CameraInfo,
-    'sensor_msgs/msg/PointCloud2': PointCloud2,
-    'geometry_msgs/msg/PoseWithCovarianceStamped': PoseWithCovarianceStamped,
     'geometry_msgs/msg/PoseStamped': PoseStamped,
     'visualization_msgs/msg/MarkerArray': MarkerArray,
-    'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray,
     'rcl_interfaces/msg/Log': Log,
-    'rcl_interfaces/msg/ParameterEvent': ParameterEvent,
 }
 
 
