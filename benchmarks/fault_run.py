@@ -43,10 +43,11 @@ from sensor_msgs.msg import PointCloud2
 from tqdm import tqdm
 
 from ftp_dent_ros.cli.demo import BOUNDS
+from ftp_dent_ros.coding.messages import dents_from_message
 from ftp_dent_ros.demonstration.appraisal import mean_absolute
 from ftp_dent_ros.demonstration.flight import simulation_parameters
+from ftp_dent_ros.dents.dent import KINDS
 from ftp_dent_ros.errors import CloudError
-from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message
 from ftp_dent_ros.ros.messages import (
     cloud_from_message,
     covariance_from_message,

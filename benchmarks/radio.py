@@ -170,7 +170,7 @@ def flight(bag: Path) -> tuple[list[str], float]:
     came = [each.log_time_ns for each in opened.messages(['/points'])]
     seconds, count = (came[-1] - came[0]) / 1e9, len(came) - 1
     speed = _CLOUDS_A_SECOND * seconds / count
-    topics = [topic.name for topic in opened.metadata.topics if topic.name != '/skin']
+    topics = [topic.name for topic in opened.topics if topic.name != '/skin']
     words = ['replay', str(bag), '--rate', f'{speed:.4f}', '--topics', *topics]
     return words, count / _CLOUDS_A_SECOND
 

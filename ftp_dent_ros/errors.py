@@ -45,6 +45,30 @@ def printable(text: str) -> str:
     )
 
 
+# What to do where a package is not installed.
+_ADVICE = {
+    ('mcap', 'rosbags', 'lz4', 'zstandard'): (
+        "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
+        'use `ros2 bag`, which writes and reads the same bags'
+    ),
+    ('zenoh', 'cryptography', 'aiohttp'): "install it with `pip install '.[ground]'`",
+    ('jinja2', 'matplotlib'): "install it with `pip install '.[reports]'`",
+    ('dask', 'distributed'): (
+        "install it with `pip install '.[cluster]'`, or apt's python3-distributed"
+    ),
+}
+
+
+def missing_package(error: ModuleNotFoundError) -> str:
+    """A sentence on a package that is not installed; raises the error if it is this one's."""
+    package = (error.name or str(error)).split('.')[0]
+    if package == 'ftp_dent_ros':
+        raise error
+    known = (text for names, text in _ADVICE.items() if package in names)
+    advice = next(known, 'see "Install" in the README')
+    return f'needs the Python package {package}, which is not installed: {advice}'
+
+
 class FtpDentError(Exception):
     """Base of all errors that this package raises on purpose.
 

@@ -1,8 +1,8 @@
-"""What a node's parameters may be, checked the same way in a file and on the node.
+"""What a node's parameters may be, read and checked the same way of a file and on the node.
 
-A node declares its parameters in a function of a `Declarations`. `FileParameters` runs that
-function on the values of a configuration, so that a wrong one is found before anything is started;
-`ftp_dent_ros.ros.parameters.Parameters` runs it on a node.
+A node declares its parameters in a function of `Declarations`, with the values of a configuration,
+so that a wrong one is found before anything is started, or with those that the node was given:
+`ftp_dent_ros.ros.parameters.Parameters`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import difflib
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,8 +58,28 @@ class Declaration:
         return list(made) if is_list else made
 
 
-class Declarations(ABC):
-    """Takes the declarations of one node's parameters."""
+class Declarations:
+    """The parameters of one node, with the values that were given for them.
+
+    Parameters
+    ----------
+    values : mapping
+        By name; nested mappings are names with dots.
+    folder : Path
+        Where relative paths start.
+    where : str
+        What errors begin with.
+    """
+
+    def __init__(self, values: Mapping[str, Any], folder: Path = Path(), where: str = '') -> None:
+        self._values = dict(flat(values))
+        self._folder, self._where = folder, f'{where}: ' if where else ''
+        #: By name.
+        self.made: dict[str, Declaration] = {}
+        #: Parameters that hold relative paths, as paths that do not depend on a folder.
+        self.absolute: dict[str, str] = {}
+        #: Parameters that name a file to be read, but secret ones.
+        self.files: dict[str, Path] = {}
 
     def declare(
         self,
@@ -82,70 +101,19 @@ class Declarations(ABC):
             The value that was given is of another type, out of its range, or none of the choices.
         """
         limits = Limits(minimum, maximum, above, tuple(choices))
-        return self.take(Declaration(name, default, description, limits, changeable))
-
-    @abstractmethod
-    def take(self, declaration: Declaration) -> Any:
-        """Take a declaration and return the parameter's value, as `declare`."""
-
-    @abstractmethod
-    def path(self, name: str, default: str, description: str) -> str:
-        """Declare where something lies, whether it is there or not; relative as `file` is."""
-
-    @abstractmethod
-    def file(
-        self, name: str, default: str, description: str, *, secret: bool = False
-    ) -> Path | None:
-        """Declare a file to be read, and return its path; None if none is named.
-
-        A relative path is one from the configuration's folder where ``ftp-dent up`` or the
-        launch file read it there, else from where the node runs; ``shipped:NAME`` is one of the
-        package's. Which file it is gets told, with the id of its content unless it is `secret`.
-
-        Raises
-        ------
-        ConfigurationError
-            There is no such file.
-        """
-
-
-class FileParameters(Declarations):
-    """The parameters that a configuration gives to one node.
-
-    Parameters
-    ----------
-    values : mapping
-        By name; nested mappings are names with dots.
-    folder : Path
-        Where relative paths start.
-    where : str
-        What errors begin with.
-    """
-
-    def __init__(self, values: Mapping[str, Any], folder: Path, where: str) -> None:
-        self._values = dict(flat(values))
-        self._folder, self._where = folder, where
-        self.names: list[str] = []
-        #: Parameters that hold relative paths, as paths that do not depend on a folder.
-        self.absolute: dict[str, str] = {}
-        #: Parameters that name a file to be read, but secret ones.
-        self.files: dict[str, Path] = {}
-
-    def take(self, declaration: Declaration) -> Any:
-        """As `Declarations.take`."""
-        self.names.append(declaration.name)
-        value = self._values.get(declaration.name, declaration.default)
-        if isinstance(declaration.default, float) and isinstance(value, str):
+        self.made[name] = Declaration(name, default, description, limits, changeable)
+        value = self._values.get(name, default)
+        if isinstance(default, float) and isinstance(value, str):
             # YAML 1.1 takes 1e-3 for a text; ROS takes it for a number.
             with contextlib.suppress(ValueError):
                 value = float(value)
         try:
-            return declaration.checked(value)
+            return self.made[name].checked(value)
         except ConfigurationError as error:
-            raise ConfigurationError(f'{self._where}: {error}') from None
+            raise ConfigurationError(f'{self._where}{error}') from None
 
     def path(self, name: str, default: str, description: str) -> str:
-        """As `Declarations.path`."""
+        """Declare where something lies, whether it is there or not; relative as `file` is."""
         value = self.declare(name, default, description)
         if not value or value.startswith(files.SHIPPED):
             return value
@@ -157,12 +125,22 @@ class FileParameters(Declarations):
     def file(
         self, name: str, default: str, description: str, *, secret: bool = False
     ) -> Path | None:
-        """As `Declarations.file`."""
+        """Declare a file to be read, and return its path; None if none is named.
+
+        A relative path is one from the configuration's folder where ``ftp-dent up`` or the
+        launch file read it there, else from where the node runs; ``shipped:NAME`` is one of the
+        package's. Which file it is gets told, with the id of its content, unless it is `secret`.
+
+        Raises
+        ------
+        ConfigurationError
+            There is no such file.
+        """
         value = self.path(name, default, description)
         try:
-            path = files.find(value) if value else None
+            path = files.find(value).resolve() if value else None
         except ConfigurationError as error:
-            raise ConfigurationError(f'{self._where}: parameter {name}: {error}') from None
+            raise ConfigurationError(f'{self._where}parameter {name}: {error}') from None
         if path is not None and not secret:
             self.files[name] = path
         return path
@@ -170,9 +148,9 @@ class FileParameters(Declarations):
     def refuse_others(self, shared: Sequence[str] = (), elsewhere: Sequence[str] = ()) -> None:
         """Refuse what was given and not declared; `shared` ones may be declared `elsewhere`."""
         for name in self._values:
-            known = (*self.names, *elsewhere) if name in shared else self.names
+            known = (*self.made, *elsewhere) if name in shared else tuple(self.made)
             if unknown([name], known):
-                raise ConfigurationError(f'{self._where}: {undeclared(name, known)}')
+                raise ConfigurationError(f'{self._where}{undeclared(name, known)}')
 
 
 def unknown(given: Iterable[str], declared: Iterable[str]) -> list[str]:

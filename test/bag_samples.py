@@ -7,14 +7,7 @@ import numpy as np
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.messages import CLOUD_FIELDS
-from ftp_dent_ros.recording.topic import (
-    Message,
-    Qos,
-    RecordedTopic,
-    find_definition,
-    type_hash,
-    typestore,
-)
+from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, known_topic, typestore
 from ftp_dent_ros.recording.writer import BagWriter
 
 STRING = 'std_msgs/msg/String'
@@ -26,10 +19,7 @@ START_NS = 1_700_000_000_000_000_000
 
 
 def topic(name: str, type_name: str, *qos: Qos) -> RecordedTopic:
-    hash_ = type_hash(type_name)
-    return RecordedTopic(
-        name, type_name, hash_, qos or (Qos(),), find_definition(type_name, hash_)
-    )
+    return known_topic(name, type_name, qos or (Qos(),))
 
 
 WORDS = topic('/words', STRING, Qos(), Qos(durability='transient_local'))
@@ -97,6 +87,19 @@ def string_data(text: str) -> bytes:
 
 def pose_data(seconds: int) -> bytes:
     return serialised(POSE, header(SECOND * seconds, 'map'), place((seconds, 0, 0), (0, 0, 0, 1)))
+
+
+ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+DIAGNOSTICS = topic('/diagnostics', ARRAY)
+
+
+def diagnostics(seconds: int, **told: str) -> Message:
+    """What a node tells of itself."""
+    values = [made('diagnostic_msgs/msg/KeyValue', name, value) for name, value in told.items()]
+    status = made('diagnostic_msgs/msg/DiagnosticStatus', 0, 'reconstruction', '', '', values)
+    data = serialised(ARRAY, header(SECOND * seconds, ''), [status])
+    time_ns = START_NS + seconds
+    return Message('/diagnostics', ARRAY, time_ns, time_ns, data, seconds)
 
 
 def sample_messages(count: int) -> list[Message]:

@@ -110,7 +110,7 @@ def examine(
             f'{100 * left:.0f} % of the contrast is left',
             1 - left,
             (0.4, 0.7),
-            'turn the focus of projector and camera with --watch',
+            'turn the focus of projector and camera',
         ),
         _judged(
             'ambient',

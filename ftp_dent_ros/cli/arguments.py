@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.cli import Argument, argument
 from ftp_dent_ros.dents.dent import RANGES, SmallestDent
-from ftp_dent_ros.dents.rules import Rules, read_rules
+from ftp_dent_ros.dents.rules import read_rules
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import check_writable, find
 
@@ -46,11 +46,6 @@ def output_folder(name: str) -> Path:
     return output
 
 
-def rules(name: str) -> Rules:
-    """Type of an argument that names a file of rules."""
-    return read_rules(find(name))
-
-
 def output_argument(takes: str) -> Argument:
     """The folder for results."""
     return argument(
@@ -70,7 +65,12 @@ def _smallest(name: str, what: str) -> Argument:
     )
 
 
-RULES = argument('--rules', type=rules, metavar='RULES.yaml', help='limits to judge the dents by')
+RULES = argument(
+    '--rules',
+    type=lambda name: read_rules(find(name)),
+    metavar='RULES.yaml',
+    help='limits to judge the dents by',
+)
 SMALLEST = (
     _smallest('smallest_depth', 'shallower dents are not reported'),
     _smallest('smallest_width', 'narrower ones are rivets, scratches and gaps'),

@@ -7,7 +7,6 @@ import math
 import shutil
 import sys
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -119,13 +118,16 @@ def _take_poses(
                 f'  so far: depth known to {1e3 * advice.depth_deviation:.3f} mm, '
                 f'{100 * covered(seen, camera_size):.0f} % of the image covered'
             )
-        if not _confirmed():
+        _say('  Enter takes it, q ends')
+        answer = sys.stdin.readline()
+        if not answer or answer.strip().lower() in ('q', 'quit'):
             break
         name = f'pose_{number:02d}'
         try:
             first = rig.take(sequence.draw(ProjectedFrame('white')))
             board.find(first)  # before half a minute of photographs
-            photographs = _photograph(rig, session, stop)
+            frames = tqdm(sequence.frames, desc='  photographs', leave=False, disable=None)
+            photographs = {frame: rig.take(sequence.draw(frame)) for frame in frames}
             sight = observe(name, photographs, sequence, board)
         except CalibrationError as reason:
             _say(f'  refused: {reason}')
@@ -155,17 +157,6 @@ def _seen_before(folder: Path, session: Session) -> tuple[list[Observation], tup
     return [sight.observation for sight in sights], size, max(numbers) + 1
 
 
-def _photograph(
-    rig: Photographer, session: Session, stop: threading.Event
-) -> dict[ProjectedFrame, NDArray[np.uint8]]:
-    taken = {}
-    for frame in tqdm(session.sequence.frames, desc='  photographs', leave=False, disable=None):
-        if stop.is_set():
-            raise KeyboardInterrupt
-        taken[frame] = rig.take(session.sequence.draw(frame))
-    return taken
-
-
 def _keep(folder: Path, session: Session, taken: dict[ProjectedFrame, NDArray[np.uint8]]) -> None:
     """Write a pose's photographs; a folder under that name is whole or not there."""
     unfinished = folder.with_name(f'.{folder.name}')
@@ -183,12 +174,6 @@ def _keep(folder: Path, session: Session, taken: dict[ProjectedFrame, NDArray[np
             f'{folder}: cannot be written ({reason.strerror}): make room on the disk and go on '
             'with --resume; the poses before it are kept'
         ) from None
-
-
-def _confirmed(read: Callable[[], str] = sys.stdin.readline) -> bool:
-    _say('  Enter takes it, q ends')
-    answer = read()
-    return bool(answer) and answer.strip().lower() not in ('q', 'quit')
 
 
 def _say(text: str) -> None:

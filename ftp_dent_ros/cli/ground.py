@@ -6,16 +6,13 @@ import argparse
 import contextlib
 import importlib.util
 import json
-import os
 import queue
 import sys
 from pathlib import Path
 
 from ftp_dent_ros.cli import argument
-from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.errors import ConfigurationError, InputError
 from ftp_dent_ros.ground.link import GroundLink, Security, endpoints, make_keys
-from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.supervision import transport
@@ -28,7 +25,6 @@ from ftp_dent_ros.supervision.processes import (
 )
 
 _QUEUE = 64  # items that wait to be shown
-_LAST_DOMAIN = 232  # the ports of others are beyond 65535 (DDSI-RTPS, 9.6.1)
 
 
 ARGUMENTS = (
@@ -42,12 +38,6 @@ ARGUMENTS = (
     argument('--open', action='store_true', help='use the link without keys beyond this machine'),
     argument('--name', default='payload', help='name of the payload'),
     argument('--station', default='', help="name of this ground (default: the machine's)"),
-    argument(
-        '--domain',
-        type=number('--domain', 0, _LAST_DOMAIN, int),
-        metavar='N',
-        help="the ground's ROS domain (default: the shell's)",
-    ),
     argument(
         '--interface',
         default='',
@@ -87,13 +77,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run_page(arguments: argparse.Namespace) -> int:
     """The page alone: this machine has no ROS."""
+    from ftp_dent_ros.ground.page.server import PageServer
+
     stop = stop_event()
     items: queue.Queue[Item] = queue.Queue(_QUEUE)
     security = Security(arguments.keys, arguments.open)
     link = GroundLink('ground', arguments.address, security, arguments.name)
     with (
         contextlib.closing(Station(link, items.put, arguments.station)) as station,
-        contextlib.closing(serve_page(arguments.web, station)) as page,
+        contextlib.closing(PageServer(arguments.web, station)) as page,
     ):
         print(f'what comes is shown at {page.url} (no ROS here: no topics)', flush=True)
         print(f'for Foxglove it is at {page.foxglove_url}', flush=True)
@@ -119,8 +111,6 @@ def _make_keys(folder: Path) -> int:
 
 
 def _run_node(arguments: argparse.Namespace) -> int:
-    if arguments.domain is not None:
-        os.environ['ROS_DOMAIN_ID'] = str(arguments.domain)
     given = {
         'address': arguments.address,
         'keys': str(arguments.keys.resolve()) if arguments.keys else '',

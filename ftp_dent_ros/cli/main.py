@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.errors import FtpDentError, printable
+from ftp_dent_ros.errors import FtpDentError, missing_package, printable
 from ftp_dent_ros.process import keep_freed, one_for_blas
 
 # Each is a module with `ARGUMENTS` and `run(arguments) -> exit status`, or with such `COMMANDS`.
@@ -32,18 +32,6 @@ COMMANDS = {
     'replay': 'publish the messages of a bag',
     'recover': 'mend a bag whose recorder was killed',
 }
-# What to do where a package is not installed.
-_ADVICE = {
-    ('mcap', 'rosbags', 'lz4', 'zstandard'): (
-        "install it with `pip install '.[bags]'`, or where ROS 2 is installed "
-        'use `ros2 bag`, which writes and reads the same bags'
-    ),
-    ('jinja2', 'matplotlib'): "install it with `pip install '.[reports]'`",
-    ('dask', 'distributed'): (
-        "install it with `pip install '.[cluster]'`, or apt's python3-distributed"
-    ),
-}
-_ELSE = 'see "Install" in the README'
 
 
 def add_commands(
@@ -66,15 +54,6 @@ def add_commands(
             command.add_argument(*names, **how)
 
 
-def build_parser(words: list[str]) -> argparse.ArgumentParser:
-    """Parser of these words: with all that the chosen command takes."""
-    parser = argparse.ArgumentParser(prog='ftp-dent')
-    parser.description = 'Single-shot fringe projection: photographs to clouds with a pose.'
-    parser.add_argument('--version', action='version', version=__version__)
-    add_commands(parser, '', COMMANDS, words)
-    return parser
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command: exit status 0 done, 2 bad usage or input (one line on stderr)."""
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -89,18 +68,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors='backslashreplace')
     keep_freed()
     try:
-        parsed = build_parser(words).parse_args(words)
+        parser = argparse.ArgumentParser(prog='ftp-dent')
+        parser.description = 'Single-shot fringe projection: photographs to clouds with a pose.'
+        parser.add_argument('--version', action='version', version=__version__)
+        add_commands(parser, '', COMMANDS, words)
+        parsed = parser.parse_args(words)
         status: int = parsed.run(parsed)
         sys.stdout.flush()
         return status
     except FtpDentError as error:
         sentence = str(error)
     except ModuleNotFoundError as error:
-        package = (error.name or str(error)).split('.')[0]
-        if package == 'ftp_dent_ros':
-            raise
-        advice = next((text for names, text in _ADVICE.items() if package in names), _ELSE)
-        sentence = f'needs the Python package {package}, which is not installed: {advice}'
+        sentence = missing_package(error)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:

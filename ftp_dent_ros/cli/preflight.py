@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.time import Time
 
-from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine, sharpness
+from ftp_dent_ros.calibration.preflight import NO, OK, WARN, Finding, examine
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CameraError, ConfigurationError
@@ -29,8 +28,6 @@ from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
 # No projector is later, nanoseconds.
 _SETTLED_NS = 200_000_000
-# Tries until a picture shows what is projected, and the contrast from which on it shows fringes.
-_RETAKES, _FRINGES = 5, 0.3
 # Every node tells its state once a second; within so many seconds of its start it has (s).
 _HEARD = 10.0
 # A stamp is that old at most when its photograph arrives, seconds.
@@ -60,7 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     remap = ['-r', f'__ns:={namespace}'] if namespace != '/' else []
     with session('preflight', remap) as (node, stop):
         states = _listen(node)
-        photographer = Photographer(node, stop)
+        photographer = Photographer(node, stop, colour=True)
+        photographer.delay_ns = _SETTLED_NS
         try:
             photographer.waited_for(lambda: _heard(states, telling), _HEARD)
             size = photographer.projector_size()
@@ -98,18 +96,13 @@ def _photographs(
         raise ConfigurationError(f'{where}: reconstruction has no rig: set the parameter rig')
     pattern.check_fits(rig.projector)
     reconstructor = Reconstructor(rig, pattern, Settings(stride=reconstruction.stride))
-    white, _ = photographer.photograph(
-        photographer.show(_even(size, 254)) + _SETTLED_NS, colour=True
-    )
-    shown = photographer.show(_even(size, 0)) + _SETTLED_NS
-    black = _retaken(photographer, shown, lambda image: image.mean() < white.mean())
-    drawn = pattern.draw()
-    shown = photographer.show(drawn) + _SETTLED_NS
-    _retaken(photographer, shown, lambda image: sharpness(white, black, image, drawn) >= _FRINGES)
+    even = (np.full((size[1], size[0], 3), level, np.uint8) for level in (254, 0))
+    white, black = map(photographer.take, even)
+    photographer.take(pattern.draw())
     fringes, ages = [], []
     # For the flicker.
     for _ in range(6):
-        image, stamp_ns = photographer.photograph(shown, colour=True)
+        image, stamp_ns = photographer.photograph(0)
         ages.append((photographer.now_ns() - stamp_ns) / 1e9)
         fringes.append(image)
     exposure, smallest = camera.exposure, SmallestDent()
@@ -129,17 +122,6 @@ def _clock(age: float, simulated: bool) -> Finding:
         return Finding('clock', OK, text)
     advice = 'set the clock of the camera and of this computer alike, and let nothing else run'
     return Finding('clock', NO, f'{text}: {advice}')
-
-
-def _retaken(
-    photographer: Photographer, shown: int, right: Callable[[NDArray[np.uint8]], bool]
-) -> NDArray[np.uint8]:
-    """Photograph of what is shown; a projector or a camera that is late gets some tries more."""
-    for _ in range(_RETAKES):
-        image, _ = photographer.photograph(shown, colour=True)
-        if right(image):
-            break
-    return image
 
 
 def _listen(node: Node) -> States:
@@ -178,7 +160,3 @@ def _disk(folder: Path) -> Finding:
     # A flight's bag takes some 15 MB a second: half an hour, ten minutes.
     verdict = OK if free > 27e9 else WARN if free > 9e9 else NO
     return Finding('disk', verdict, f'{free / 1e9:.0f} GB free, some {minutes:.0f} minutes of bag')
-
-
-def _even(size: tuple[int, int], level: int) -> np.ndarray:
-    return np.full((size[1], size[0], 3), level, np.uint8)

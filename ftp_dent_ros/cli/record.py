@@ -10,31 +10,27 @@ from __future__ import annotations
 import argparse
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError, ConfigurationError
-from ftp_dent_ros.recording.clouds import RIG, rig_id_in
 from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
     RecordedTopic,
     absolute_names,
-    find_definition,
     is_hidden,
-    type_hash,
+    known_topic,
 )
 from ftp_dent_ros.recording.writer import BagSpool, BagWriter
-from ftp_dent_ros.ros.qos import DIAGNOSTICS, quality
+from ftp_dent_ros.ros.qos import AnySubscription
 from ftp_dent_ros.ros.session import say, session
 
 # Memory for messages that wait for the disk, bytes: half a minute of a flight.
@@ -66,17 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
         writer = _writer(arguments, output)
         spool = BagSpool(writer, _CAPACITY)
         recorder = Recorder(node, writer.add_topic, spool.put, names, arguments.all)
-        _note_rig(node, writer)
-        failure: Exception | None = None
         start = time.monotonic()
         try:
             _receive(node, recorder, spool, writer, stop)
         finally:
             spool.close()
-            try:
-                writer.close()
-            except BagError as error:
-                failure = error
     total = (
         f'{writer.message_count} messages, {writer.size / 1e6:.1f} MB '
         f'in {time.monotonic() - start:.1f} s'
@@ -88,13 +78,13 @@ def run(arguments: argparse.Namespace) -> int:
             f'{recorder.lost} messages were lost on the way here, and {spool.dropped} dropped '
             'because the disk was too slow or full: record fewer topics, or to a faster disk'
         )
-    if spool.error is not None and not isinstance(spool.error, BagError):
-        raise spool.error
-    if failure is not None:
+    if isinstance(spool.error, BagError):
         raise BagError(
-            f'{failure}; the recording ends after {total}: '
+            f'{spool.error}; the recording ends after {total}: '
             f'make it whole with `ftp-dent recover {output} --output NEW` on a disk with room'
         )
+    if spool.error is not None:
+        raise spool.error
     print(f'{output}: {total}, {len(writer.topics)} topics')
     return 0
 
@@ -105,18 +95,6 @@ def _writer(arguments: argparse.Namespace, output: Path) -> BagWriter:
     from ftp_dent_ros.recording.compression import CompressedBagWriter
 
     return CompressedBagWriter(output)
-
-
-def _note_rig(node: Node, writer: BagWriter) -> None:
-    """Have the bag say which rig measures: the latest in the diagnostics."""
-
-    def on_array(array: Any) -> None:
-        rig_id = rig_id_in(array)
-        if rig_id:
-            writer.custom_data[RIG] = rig_id
-
-    array_type = message_class('diagnostic_msgs/msg/DiagnosticArray')
-    node.create_subscription(array_type, '/diagnostics', on_array, DIAGNOSTICS)
 
 
 def _receive(
@@ -164,9 +142,8 @@ class Recorder:
 
     Attributes
     ----------
-    received, lost : int
-        Messages that came, and those that did not: holes in the count of a topic's only
-        publisher.
+    received : int
+        Messages that came.
     """
 
     def __init__(
@@ -178,123 +155,63 @@ class Recorder:
         everything: bool,
     ) -> None:
         self.received = 0
-        self.lost = 0
         self._node = node
         self._add_topic = add_topic
         self._put = put
         self._names, self._everything = names, everything
         # Of each topic that was met; None where ROS refuses it.
-        self._subscriptions: dict[str, Subscription | None] = {}
-        self._last_sequence: dict[str, int] = {}  # of topics with a single publisher
-        self._types: dict[str, str] = {}
-        self._disputed: set[str] = set()  # topics that somebody publishes with another type
+        self._subscriptions: dict[str, AnySubscription | None] = {}
         node.create_timer(_DISCOVERY_S, self.discover)
         self.discover()
 
+    @property
+    def lost(self) -> int:
+        """Messages that did not come."""
+        return sum(each.lost for each in self._subscriptions.values() if each is not None)
+
     def discover(self) -> None:
-        """Subscribe to new topics, and anew where a new publisher would not be heard."""
+        """Subscribe to new topics."""
         for name, _ in self._node.get_topic_names_and_types():
             wanted = name in self._names or (self._everything and not is_hidden(name))
-            publishers = self._publishers(name) if wanted else []
-            if not publishers:
-                continue
-            if len(publishers) > 1:
-                self._last_sequence.pop(name, None)
-            if name not in self._subscriptions:
-                self._begin(name, publishers)
-            subscription = self._subscriptions[name]
-            if subscription is None:
-                continue
-            request = _request_for(publishers, subscription.qos_profile.depth)
-            current = subscription.qos_profile
-            if (
-                request.reliability == ReliabilityPolicy.BEST_EFFORT != current.reliability
-                or request.durability == DurabilityPolicy.VOLATILE != current.durability
-            ):
-                say(f'{name}: a publisher offers less than the others: recording what all offer')
-                del self._subscriptions[name]
-                self._node.destroy_subscription(subscription)
-                self._subscribe(RecordedTopic(name, self._types[name]), request)
+            if wanted and name not in self._subscriptions:
+                publishers = self._node.get_publishers_info_by_topic(name)
+                if publishers:
+                    self._subscriptions[name] = self._begin(name, publishers)
 
     def missing(self) -> list[str]:
         """Topics that were wanted by name and have not appeared."""
         return [name for name in self._names if name not in self._subscriptions]
 
-    def _publishers(self, name: str) -> list[TopicEndpointInfo]:
-        """Those of a topic's own type, which is the first that it was met with."""
-        publishers = self._node.get_publishers_info_by_topic(name)
-        types = list(dict.fromkeys(publisher.topic_type for publisher in publishers))
-        if not types:
-            return []
-        own = self._types.setdefault(name, types[0])
-        others = [each for each in types if each != own]
-        if others and name not in self._disputed:
-            say(f'{name}: {" and ".join(others)} are published too: only {own} is recorded')
-            self._disputed.add(name)
-        return [publisher for publisher in publishers if publisher.topic_type == own]
-
-    def _begin(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        kind = self._types[name]
-        announced = str(publishers[0].topic_type_hash)
-        hash_ = announced if announced.startswith('RIHS') else type_hash(kind)
-        topic = RecordedTopic(
-            name=name,
-            type=kind,
-            type_hash=hash_,
-            offered_qos=tuple(
-                Qos(
-                    ReliabilityPolicy(publisher.qos_profile.reliability).short_key,
-                    DurabilityPolicy(publisher.qos_profile.durability).short_key,
-                )
-                for publisher in publishers
-            ),
-            definition=find_definition(kind, hash_),
+    def _begin(self, name: str, publishers: list[TopicEndpointInfo]) -> AnySubscription | None:
+        """Record a topic, of the type that its first publisher has."""
+        kind, announced = publishers[0].topic_type, str(publishers[0].topic_type_hash)
+        profiles = [each.qos_profile for each in publishers if each.topic_type == kind]
+        offered = tuple(
+            Qos(
+                ReliabilityPolicy(each.reliability).short_key,
+                DurabilityPolicy(each.durability).short_key,
+            )
+            for each in profiles
         )
-        if len(publishers) == 1:
-            self._last_sequence[name] = 0
+        topic = known_topic(name, kind, offered, announced if announced.startswith('RIHS') else '')
+
+        def take(data: bytes, info: dict[str, int | None]) -> None:
+            self.received += 1
+            received = info['received_timestamp'] or time.time_ns()
+            published = info['source_timestamp'] or received
+            sequence = (info['publication_sequence_number'] or 0) & 0xFFFFFFFF
+            self._put(Message(name, kind, received, published, data, sequence))
+
         # Messages that wait in DDS while this process is held up: few images and clouds, which
         # would fill the memory.
         large = any(line.startswith('uint8[] ') for line in topic.definition.splitlines())
-        self._subscribe(topic, _request_for(publishers, 20 if large else 1000))
-
-    def _subscribe(self, topic: RecordedTopic, request: QoSProfile) -> None:
-        def take(data: bytes, info: dict[str, int | None]) -> None:
-            received = info['received_timestamp'] or time.time_ns()
-            published = info['source_timestamp'] or received
-            sequence = info['publication_sequence_number'] or 0
-            self._count(topic.name, sequence)
-            self._put(
-                Message(topic.name, topic.type, received, published, data, sequence & 0xFFFFFFFF)
-            )
-
         try:
-            self._subscriptions[topic.name] = self._node.create_subscription(
-                message_class(topic.type),
-                topic.name,
-                take,  # type: ignore[arg-type]  # rclpy gives the message's information too
-                request,
-                raw=True,
+            subscription = AnySubscription(
+                self._node, message_class(kind), name, take, 20 if large else 1000, raw=True
             )
         except Exception as reason:  # an unknown type, or rclpy's own: a name that is not ROS's
-            self._subscriptions[topic.name] = None
-            say(f'{topic.name}: not recorded: {str(reason).splitlines()[0].rstrip(":")}')
-            return
+            say(f'{name}: not recorded: {str(reason).splitlines()[0].rstrip(":")}')
+            return None
         self._add_topic(topic)
-        say(f'recording {topic.name} [{topic.type}]')
-
-    def _count(self, topic: str, sequence: int) -> None:
-        self.received += 1
-        last = self._last_sequence.get(topic)
-        if last is not None:
-            # A publisher that was started anew counts from 1.
-            if 0 < last < sequence:
-                self.lost += sequence - last - 1
-            self._last_sequence[topic] = sequence
-
-
-def _request_for(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
-    """What a subscription must request to hear all publishers, and as much as they all offer."""
-    offers = [publisher.qos_profile for publisher in publishers]
-    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-    latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    return quality(reliable, latched, depth)
+        say(f'recording {name} [{kind}]')
+        return subscription

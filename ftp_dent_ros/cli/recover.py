@@ -7,8 +7,6 @@ stopped. Every whole chunk before it comes back.
 from __future__ import annotations
 
 import argparse
-import os
-import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -22,6 +20,7 @@ from tqdm import tqdm
 
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.errors import BagError, printable
+from ftp_dent_ros.files import by_number
 from ftp_dent_ros.recording.reader import topic_from
 from ftp_dent_ros.recording.topic import Message, RecordedTopic
 from ftp_dent_ros.recording.writer import BagWriter
@@ -39,11 +38,6 @@ def run(arguments: argparse.Namespace) -> int:
     size = sum(path.stat().st_size for path in mcap_files(arguments.bag))
     with tqdm(total=size, unit='B', unit_scale=True, disable=None, leave=False) as bar:
         recovery = recover(arguments.bag, arguments.output, bar.update)
-    _report(recovery, arguments)
-    return 0
-
-
-def _report(recovery: Recovery, arguments: argparse.Namespace) -> None:
     counts = recovery.message_counts
     print(f'{arguments.output}: {sum(counts.values())} messages of {len(counts)} topics')
     for topic in sorted(counts):
@@ -52,6 +46,7 @@ def _report(recovery: Recovery, arguments: argparse.Namespace) -> None:
         print(f'{printable(name)}: cut {size} bytes at the end, which hold no whole message')
     if recovery.damaged:
         print(f'left out {recovery.damaged} damaged chunks or records')
+    return 0
 
 
 @dataclass
@@ -84,7 +79,7 @@ def recover(
     bag : Path
         Folder or ``.mcap`` file.
     output : Path
-        Folder of the new bag; appears when it is complete, and must not exist.
+        Folder of the new bag; must not exist, and does not if something fails.
     progress : callable, optional
         Called with each number of bytes read.
 
@@ -94,23 +89,17 @@ def recover(
         Nothing there is an MCAP file, or the output exists or cannot be written.
     """
     files = mcap_files(bag)
-    if output.exists():
-        raise BagError(
-            f'{output}: exists already and is not overwritten: choose another output folder'
-        )
-    temporary = output.with_name(f'.{output.name}.{os.getpid()}')
     recovery = Recovery()
+    writer = BagWriter(output)
     try:
-        with BagWriter(temporary, Path(os.path.abspath(output)).name) as writer:
+        with writer:
             for path in files:
                 writer.write(_messages(path, writer, recovery, progress))
             if all(recovery.cut.get(path.name, 0) == path.stat().st_size for path in files):
                 raise BagError(f'{bag}: holds no whole part of an MCAP file: nothing to recover')
-        os.rename(temporary, output)
-    except BagError as error:
-        raise BagError(str(error).replace(str(temporary), str(output))) from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    except BaseException:
+        shutil.rmtree(output)
+        raise
     recovery.message_counts = {
         topic.name: writer.message_counts[topic.name] for topic in writer.topics
     }
@@ -125,14 +114,7 @@ def mcap_files(bag: Path) -> list[Path]:
     BagError
         There is none.
     """
-    if bag.is_file():
-        return [bag]
-
-    def number(path: Path) -> int:
-        digits = re.search(r'(\d+)$', path.stem)
-        return int(digits.group(1)) if digits else 0
-
-    files = sorted(bag.glob('*.mcap'), key=number)
+    files = [bag] if bag.is_file() else sorted(bag.glob('*.mcap'), key=by_number)
     if not files:
         raise BagError(f'{bag}: no such bag, or one without MCAP files: check the path')
     return files

@@ -6,13 +6,13 @@ import argparse
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from tqdm import tqdm
 
 from ftp_dent_ros.cli import argument
@@ -20,7 +20,7 @@ from ftp_dent_ros.cli.arguments import number
 from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import BagError
 from ftp_dent_ros.recording.reader import Bag, open_bag
-from ftp_dent_ros.recording.topic import Message, Qos, RecordedTopic, absolute_names
+from ftp_dent_ros.recording.topic import Qos, RecordedTopic, absolute_names
 from ftp_dent_ros.ros.qos import quality
 from ftp_dent_ros.ros.session import say, session
 
@@ -34,13 +34,6 @@ ARGUMENTS = (
         help='times the original speed; inf: at once',
     ),
     argument('--topics', nargs='+', default=[], metavar='TOPIC', help='only these (default: all)'),
-    argument(
-        '--start-offset',
-        type=number('--start-offset', 0, 1e9),
-        default=0.0,
-        metavar='SECONDS',
-        help='begin so far into the bag; latched messages from before are published first',
-    ),
     argument(
         '-m',
         '--remap',
@@ -60,28 +53,20 @@ ARGUMENTS = (
 def run(arguments: argparse.Namespace) -> int:
     """Replay until the end, or until SIGINT or SIGTERM."""
     bag = open_bag(arguments.bag)
-    topics = _chosen(bag, arguments)
+    names = absolute_names(arguments.topics)
+    topics = bag.topics_of(names) if names else bag.topics
     remaps = [word for rule in arguments.remap for word in ('-r', rule)]
     with session('player', remaps) as (node, stop):
         player = Player(node, bag, topics, stop)
         player.wait_for_subscribers(all_of_them=arguments.wait_for_subscribers)
         start = time.monotonic()
-        player.play(arguments.rate, round(arguments.start_offset * 1e9))
+        player.play(arguments.rate)
         player.wait_for_acknowledgements()
     print(
         f'{arguments.bag}: {player.published} messages of {len(player.topics)} topics '
         f'in {time.monotonic() - start:.1f} s'
     )
     return 0
-
-
-def _chosen(bag: Bag, arguments: argparse.Namespace) -> list[RecordedTopic]:
-    known = {topic.name: topic for topic in bag.metadata.topics}
-    names = absolute_names(arguments.topics) or tuple(known)
-    for name in names:
-        if name not in known:
-            raise BagError(f'{bag.path}: has no topic {name}: it has {", ".join(sorted(known))}')
-    return [topic for topic in bag.metadata.topics if topic.name in names]
 
 
 # Of each topic: long enough not to wait for each message, short enough for large ones.
@@ -106,8 +91,6 @@ class Player:
 
     Attributes
     ----------
-    topics : list of str
-        Names, in the bag, of the topics that are published.
     published : int
         Messages so far.
 
@@ -123,28 +106,23 @@ class Player:
         self.published = 0
         self._bag = bag
         self._stop = stop
-        self._publishers: dict[str, Publisher] = {}
-        self._types: dict[str, str] = {}
-        self._unacknowledged: Counter[str] = Counter()
+        #: By the topic's name and type.
+        self._publishers: dict[tuple[str, str], Publisher] = {}
+        self._unacknowledged: Counter[Publisher] = Counter()
         for topic in topics:
-            if topic.name in self._publishers:
-                first = self._types[topic.name]
-                say(f'{topic.name}: its {topic.type} are not replayed: only its {first}')
-                continue
             try:
-                self._publishers[topic.name] = node.create_publisher(
+                self._publishers[topic.name, topic.type] = node.create_publisher(
                     message_class(topic.type), topic.name, offer_for(topic.offered_qos)
                 )
-                self._types[topic.name] = topic.type
-            except Exception as reason:  # an unknown type, or a name that is not ROS's
+            except Exception as reason:  # noqa: PERF203  # of a type or name that cannot be
                 say(f'{topic.name}: not replayed: {str(reason).splitlines()[0].rstrip(":")}')
         if topics and not self._publishers:
             raise BagError(f'{bag.path}: none of its topics can be replayed here: see above')
 
     @property
-    def topics(self) -> list[str]:
+    def topics(self) -> set[str]:
         """Names, in the bag, of the topics that are published."""
-        return list(self._publishers)
+        return {name for name, _ in self._publishers}
 
     def wait_for_subscribers(self, all_of_them: bool) -> None:
         """Wait until discovery has been quiet for half a second, or every topic is subscribed."""
@@ -152,7 +130,9 @@ class Player:
         quiet_since = said = time.monotonic()
         while not self._stop.wait(0.02):
             now = time.monotonic()
-            new = {name: each.get_subscription_count() for name, each in self._publishers.items()}
+            new = {
+                name: each.get_subscription_count() for (name, _), each in self._publishers.items()
+            }
             if new != counts:
                 counts, quiet_since = new, now
             missing = sorted(name for name, count in counts.items() if not count)
@@ -162,61 +142,42 @@ class Player:
                 say(f'waiting for subscribers of {", ".join(missing)}')
                 said = now
 
-    def play(self, rate: float, offset_ns: int) -> None:
-        """Play from `offset_ns` into the bag."""
-        start_ns = self._bag.metadata.start_ns + offset_ns
-        for message in self._latched_before(start_ns) if offset_ns else ():
-            self._publish(message)
-        counts = self._bag.metadata.message_counts
-        total = None if offset_ns else sum(counts[name] for name in self._publishers)
+    def play(self, rate: float) -> None:
+        """Play the bag at so many times its speed."""
+        total = sum(self._bag.message_counts[name] for name in self.topics)
         start = time.monotonic()
         with tqdm(total=total, unit=' messages', disable=None) as bar:
-            for message in self._bag.messages(self.topics, start_ns):
-                due = start + (message.log_time_ns - start_ns) / 1e9 / rate
+            for message in self._bag.messages(self.topics):
+                due = start + (message.log_time_ns - self._bag.start_ns) / 1e9 / rate
                 # The event is looked at also where nothing is to be waited for.
                 ahead = due - time.monotonic()
                 if self._stop.wait(min(max(0.0, ahead), threading.TIMEOUT_MAX)):
                     return
-                if message.type == self._types[message.topic]:
-                    self._publish(message, hurried=ahead < 0)
+                publisher = self._publishers.get((message.topic, message.type))
+                if publisher is not None:
+                    self._publish(publisher, message.data, hurried=ahead < 0)
                 bar.update()
 
     def wait_for_acknowledgements(self) -> None:
         """Wait until reliable subscriptions have everything, or have been silent for long."""
-        for name in self._publishers:
-            self._wait_for_acknowledgement(name)
+        for publisher in self._publishers.values():
+            self._wait_for_acknowledgement(publisher)
 
-    def _publish(self, message: Message, hurried: bool = False) -> None:
-        name = message.topic
-        self._publishers[name].publish(message.data)
+    def _publish(self, publisher: Publisher, data: bytes, hurried: bool) -> None:
+        publisher.publish(data)
         self.published += 1
-        self._unacknowledged[name] += 1
+        self._unacknowledged[publisher] += 1
         # At the original times the subscribers keep up, as they did then.
-        if hurried and self._unacknowledged[name] >= _DEPTH:
-            self._wait_for_acknowledgement(name)
+        if hurried and self._unacknowledged[publisher] >= _DEPTH:
+            self._wait_for_acknowledgement(publisher)
 
-    def _wait_for_acknowledgement(self, name: str) -> None:
+    def _wait_for_acknowledgement(self, publisher: Publisher) -> None:
         # Without the shipped transport.xml Fast DDS asks for acknowledgements every 3 s only.
         end = time.monotonic() + 10.0
-        while not self._publishers[name].wait_for_all_acked(Duration(nanoseconds=50_000_000)):
+        while not publisher.wait_for_all_acked(Duration(nanoseconds=50_000_000)):
             if self._stop.is_set() or time.monotonic() > end:
                 return
-        self._unacknowledged[name] = 0
-
-    def _latched_before(self, start_ns: int) -> Iterator[Message]:
-        """The last message before a time of each latched topic."""
-        latched = [
-            name
-            for name, publisher in self._publishers.items()
-            if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        ]
-        last: dict[str, Message] = {}
-        for message in self._bag.messages(latched):
-            if message.log_time_ns >= start_ns:
-                break
-            if message.type == self._types[message.topic]:
-                last[message.topic] = message
-        yield from last.values()
+        self._unacknowledged[publisher] = 0
 
 
 def offer_for(recorded: Sequence[Qos]) -> QoSProfile:

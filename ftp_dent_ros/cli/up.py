@@ -58,9 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         held_names(names),
         transport.profile(arguments.interface) as variables,
         transport.environment_of(variables),
-        Processes(
-            log.show, {'RCUTILS_COLORIZED_OUTPUT': '1' if log.coloured else '0'}
-        ) as processes,
+        Processes(log.show) as processes,
     ):
         programs = [entry.program for entry in frozen(entries, Path(folder))]
         refuse_second(names)

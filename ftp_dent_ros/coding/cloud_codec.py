@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import struct
 import zlib
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -104,51 +105,33 @@ def _rays(numbers: tuple[float, ...]) -> NDArray[np.float32]:
     return np.ascontiguousarray(np.moveaxis(rays, 2, 0), np.float32)
 
 
-@dataclass(frozen=True, eq=False)
-class Mask:
-    """Where a grid has values.
+def _outline(where: NDArray[np.bool_]) -> bytes:
+    """A mask, deflated: each row's change from the one above."""
+    bits = np.packbits(where, axis=1)
+    bits[1:] ^= bits[:-1].copy()
+    return zlib.compress(bits.tobytes(), 6)
 
-    Attributes
-    ----------
-    where : ndarray, shape (rows, columns), bool
+
+def _mask(outline: bytes, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mask of its `_outline`; raises `CodecError` if the data are damaged."""
+    rows, columns = shape
+    width = (columns + 7) // 8
+    bits = np.frombuffer(inflate(outline, rows * width), np.uint8).reshape(rows, width)
+    bits = np.bitwise_xor.accumulate(bits, axis=0)
+    return np.unpackbits(bits, axis=1, count=columns).view(bool)
+
+
+def _neighbours(where: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Flat indices of a mask's holes, and of the last value before each in its row, or the first.
+
+    In a row without any value that is the row's first hole. A hole that repeats its neighbour is
+    easily predicted.
     """
-
-    where: NDArray[np.bool_]
-
-    @cached_property
-    def packed(self) -> bytes:
-        """Deflated outline: each row's change from the one above."""
-        bits = np.packbits(self.where, axis=1)
-        bits[1:] ^= bits[:-1].copy()
-        return zlib.compress(bits.tobytes(), 6)
-
-    @cached_property
-    def _neighbours(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Flat indices of the holes, and of the last value before each in its row, or the first.
-
-        In a row without any value that is the row's first hole.
-        """
-        rows, columns = self.where.shape
-        last = np.maximum.accumulate(np.where(self.where, np.arange(columns), 0), axis=1)
-        known = np.maximum(last, self.where.argmax(axis=1)[:, None])
-        known += columns * np.arange(rows)[:, None]
-        return np.flatnonzero(~self.where), known[~self.where]
-
-    def fill(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Put what is easily predicted into a grid's holes, in place; the grid."""
-        holes, neighbours = self._neighbours
-        flat = values.reshape(-1)
-        flat[holes] = flat[neighbours]
-        return values
-
-    @staticmethod
-    def unpack(data: bytes, shape: tuple[int, int]) -> Mask:
-        """Mask of its `packed`; raises `CodecError` if the data are damaged."""
-        rows, columns = shape
-        width = (columns + 7) // 8
-        bits = np.frombuffer(inflate(data, rows * width), np.uint8).reshape(rows, width)
-        bits = np.bitwise_xor.accumulate(bits, axis=0)
-        return Mask(np.unpackbits(bits, axis=1, count=columns).view(bool))
+    rows, columns = where.shape
+    last = np.maximum.accumulate(np.where(where, np.arange(columns), 0), axis=1)
+    known = np.maximum(last, where.argmax(axis=1)[:, None])
+    known += columns * np.arange(rows)[:, None]
+    return np.flatnonzero(~where), known[~where]
 
 
 def pack(values: NDArray[np.int32]) -> tuple[int, list[bytes]]:
@@ -240,16 +223,16 @@ class StepScale(str, Enum):
 
 
 def quantise(
-    values: NDArray[np.float32], mask: Mask, scale: StepScale, step: float
+    values: NDArray[np.float32], where: NDArray[np.bool_], scale: StepScale, step: float
 ) -> NDArray[np.int32]:
-    """Nearest whole numbers of steps; where the mask is false, what is easily predicted.
+    """Nearest whole numbers of steps; where the mask is false, of no meaning.
 
     Parameters
     ----------
     values : ndarray, shape (rows, columns)
         Finite where the mask is true; with `StepScale.INVERSE` not 0, with `StepScale.LOGARITHM`
         positive (and below 1e-38 taken for that).
-    mask : Mask
+    where : ndarray, shape (rows, columns), bool
     scale : StepScale
     step : float
         In the unit of the value or of its inverse; of no meaning to `StepScale.LOGARITHM`.
@@ -259,7 +242,7 @@ def quantise(
     CodecError
         A step is too small for the values.
     """
-    there = np.where(mask.where, values, np.float32(1))
+    there = np.where(where, values, np.float32(1))
     if scale is StepScale.LOGARITHM:
         steps = len(_POWERS) * np.log2(there)
     elif scale is StepScale.INVERSE:
@@ -271,7 +254,7 @@ def quantise(
     # All places are of values, or of 1.
     if not (steps.max(initial=0.0) < _LARGEST and steps.min(initial=0.0) > -_LARGEST):
         raise CodecError(f'a step of {step:g} is too small for the values: choose a larger one')
-    return mask.fill(steps.astype(np.int32))
+    return steps.astype(np.int32)
 
 
 def restore(steps: NDArray[np.int32], scale: StepScale, step: float) -> NDArray[np.float32]:
@@ -304,37 +287,14 @@ def is_on_rays(
     return bool((fits | ~valid).all())
 
 
-def inverse_step(
-    depth: NDArray[np.float32],
-    sigma: NDArray[np.float32],
-    valid: NDArray[np.bool_],
-    view: RayGrid,
-    part: float,
+def _step(
+    noise: NDArray[Any], sigma: NDArray[np.float32], valid: NDArray[np.bool_], part: float
 ) -> float:
-    """Step of 1/z, by the point whose uncertainty is the smallest in it.
-
-    A change of 1/z by d moves a point p along its ray by ``|p| z d``.
-    """
+    """Step of what has a noise, by the point that knows it best; of no point, the one unknown."""
     known = valid & (sigma > 0)
     if not known.any():
         return STEP_UNKNOWN * part
-    with np.errstate(all='ignore'):
-        x, y = view.rays()
-        noise = sigma / (np.sqrt(1 + x * x + y * y) * depth * depth)
     return max(float(noise.min(where=known, initial=np.inf)) * part, _FINEST)
-
-
-def linear_step(
-    points: NDArray[np.float32],
-    sigma: NDArray[np.float32],
-    valid: NDArray[np.bool_],
-    part: float,
-) -> float:
-    """Step of x, y and z, metres."""
-    known = valid & (sigma > 0)
-    if known.any():
-        return max(float(sigma[known].min()) * part / math.sqrt(3), _FINEST)
-    return STEP_UNKNOWN * part
 
 
 def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> bytes:
@@ -360,12 +320,16 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
         raise CodecError(f'a cloud of {columns}x{rows} points is too large: use a larger stride')
     depth = np.ascontiguousarray(cloud.points[..., 2])
     valid: NDArray[np.bool_] = np.isfinite(depth)
+    sigma = cloud.sigma
     if view is not None and is_on_rays(cloud.points, depth, valid, view):
-        step = inverse_step(depth, cloud.sigma, valid, view, part)
-        given = [('z', depth, valid, StepScale.INVERSE, step)]
+        x, y = view.rays()
+        with np.errstate(all='ignore'):
+            # A change of 1/z by d moves a point p along its ray by |p| z d.
+            noise = sigma / (np.sqrt(1 + x * x + y * y) * depth * depth)
+        given = [('z', depth, valid, StepScale.INVERSE, _step(noise, sigma, valid, part))]
     else:
         view = None
-        step = linear_step(cloud.points, cloud.sigma, valid, part)
+        step = _step(np.divide(sigma, math.sqrt(3), dtype=float), sigma, valid, part)
         planes = zip('xyz', np.moveaxis(cloud.points, 2, 0), strict=True)
         given = [(name, plane, valid, StepScale.LINEAR, step) for name, plane in planes]
     lit = np.isfinite(cloud.intensity) & (cloud.intensity != 0)
@@ -374,36 +338,41 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
         values = getattr(cloud, name)
         rest.append((name, values, np.isfinite(values) & (values > 0), StepScale.LOGARITHM, 0.0))
     given += [field for field in rest if field[2].any()]
-    masks: list[Mask] = []
+    masks: list[NDArray[np.bool_]] = []
+    holes: list[tuple[NDArray[np.intp], NDArray[np.intp]]] = []
     fields: list[dict[str, Any]] = []
     body: list[bytes] = []
     for name, values, where, scale, step in given:
         # A mask that comes again is written once.
-        same = [index for index, mask in enumerate(masks) if np.array_equal(mask.where, where)]
-        if not same:
-            same = [len(masks)]
-            masks.append(Mask(where))
-        prediction, packed = pack(quantise(values, masks[same[0]], scale, step))
+        known = [number for number, mask in enumerate(masks) if np.array_equal(mask, where)]
+        if not known:
+            known = [len(masks)]
+            masks.append(where)
+            holes.append(_neighbours(where))
+        steps = quantise(values, where, scale, step)
+        empty, neighbours = holes[known[0]]
+        steps.flat[empty] = steps.flat[neighbours]
+        prediction, packed = pack(steps)
         body += packed
         fields.append(
             {
                 'name': name,
                 'scale': scale.value,
                 'step': step,
-                'mask': same[0],
+                'mask': known[0],
                 'prediction': prediction,
                 'planes': [len(plane) for plane in packed],
             }
         )
+    outlines = [_outline(mask) for mask in masks]
     header = {
         'rows': rows,
         'columns': columns,
         'view': view.numbers() if view else None,
-        'masks': [len(mask.packed) for mask in masks],
+        'masks': [len(outline) for outline in outlines],
         'fields': fields,
     }
     text = zlib.compress(json.dumps(header, separators=(',', ':')).encode('ascii'))
-    outlines = [mask.packed for mask in masks]
     whole = b''.join([_START.pack(MAGIC, VERSION, len(text)), text, *outlines, *body])
     return whole + _END.pack(zlib.crc32(whole))
 
@@ -416,10 +385,21 @@ def decode(data: bytes | memoryview) -> Cloud:
     CodecError
         They are damaged, of another version, or no cloud.
     """
-    packed, body = _opened(bytes(data))
+    data = bytes(data)
+    start, end = _START.size, len(data) - _END.size
+    if end < start or not data.startswith(MAGIC):
+        raise CodecError('this is no encoded cloud: give what the encoder wrote')
+    _, version, size = _START.unpack_from(data)
+    if version != VERSION:
+        raise CodecError(
+            f'the cloud is of version {version}, this program knows {VERSION}: use the same '
+            'version at both ends'
+        )
+    if data[end:] != _END.pack(zlib.crc32(data[:end])):
+        raise CodecError('the checksum of an encoded cloud is wrong: ask for it again')
     try:
-        header = json.loads(zlib.decompressobj().decompress(packed, _LARGEST_HEADER))
-        return _decoded(header, body)
+        text = zlib.decompressobj().decompress(data[start : start + size], _LARGEST_HEADER)
+        return _decoded(json.loads(text), io.BytesIO(data[start + size : end]))
     except (zlib.error, LookupError, TypeError, ValueError, ArithmeticError, RecursionError):
         raise CodecError('the header of an encoded cloud is malformed: ask for it again') from None
 
@@ -435,43 +415,17 @@ def thinned(cloud: Cloud, view: RayGrid | None, columns: int) -> tuple[Cloud, Ra
     return Cloud(points, *rest), few
 
 
-def _opened(data: bytes) -> tuple[bytes, bytes]:
-    """Packed header and body, once the checksum is right."""
-    if len(data) < _START.size + _END.size or data[:3] != MAGIC:
-        raise CodecError('this is no encoded cloud: give what the encoder wrote')
-    _, version, size = _START.unpack_from(data)
-    if version != VERSION:
-        raise CodecError(
-            f'the cloud is of version {version}, this program knows {VERSION}: use the same '
-            'version at both ends'
-        )
-    (checksum,) = _END.unpack(data[-_END.size :])
-    if zlib.crc32(data[: -_END.size]) != checksum:
-        raise CodecError('the checksum of an encoded cloud is wrong: ask for it again')
-    start, end = _START.size + size, len(data) - _END.size
-    return data[_START.size : start], data[start:end]
-
-
-def _decoded(header: dict[str, Any], body: bytes) -> Cloud:
+def _decoded(header: dict[str, Any], body: io.BytesIO) -> Cloud:
     shape = int(header['rows']), int(header['columns'])
     fields = header['fields']
     many = max(len(header['masks']), len(fields)) > 16
     many = many or any(len(field['planes']) > 4 for field in fields)
     if min(shape) < 0 or shape[0] * shape[1] > _MOST_POINTS or many:
         raise CodecError('an encoded cloud claims to be too large: it is refused')
-    at = 0
-
-    def take(size: int) -> bytes:
-        nonlocal at
-        if not 0 <= size <= len(body) - at:
-            raise CodecError('an encoded cloud is cut short: ask for it again')
-        at += size
-        return body[at - size : at]
-
-    masks = [Mask.unpack(take(size), shape).where for size in header['masks']]
+    masks = [_mask(body.read(size), shape) for size in header['masks']]
     values: dict[str, NDArray[np.float32]] = {}
     for field in fields:
-        planes = [take(size) for size in field['planes']]
+        planes = [body.read(size) for size in field['planes']]
         steps = unpack(field['prediction'], planes, shape)
         found = restore(steps, StepScale(field['scale']), float(field['step']))
         found[~masks[field['mask']]] = 0.0 if field['name'] == 'intensity' else np.nan

@@ -19,12 +19,6 @@ if TYPE_CHECKING:
     from sensor_msgs.msg import Image
 
 
-# Encodings of sensor_msgs/image_encodings.hpp: channels and bytes a channel.
-_ENCODINGS: dict[str, tuple[int, int]] = {
-    f'{order}{8 * size}': (channels, size)
-    for size in (1, 2)
-    for order, channels in (('rgb', 3), ('bgr', 3), ('rgba', 4), ('bgra', 4), ('mono', 1))
-}
 # Two pixels share their colour.
 _IN_PAIRS: dict[str, int] = {
     'yuv422': cv2.COLOR_YUV2RGB_UYVY,
@@ -32,12 +26,14 @@ _IN_PAIRS: dict[str, int] = {
     'yuv422_yuy2': cv2.COLOR_YUV2RGB_YUY2,
     'yuyv': cv2.COLOR_YUV2RGB_YUY2,
 }
-
-
-_ENCODINGS |= {f'bayer_{mosaic}{8 * size}': (1, size) for size in (1, 2) for mosaic in MOSAICS}
-
-
-_ENCODINGS |= dict.fromkeys(_IN_PAIRS, (2, 1))
+_CHANNELS = {'rgb': 3, 'bgr': 3, 'rgba': 4, 'bgra': 4, 'mono': 1}
+_CHANNELS |= {f'bayer_{mosaic}': 1 for mosaic in MOSAICS}
+# Encodings of sensor_msgs/image_encodings.hpp: channels and bytes a channel.
+_ENCODINGS = {
+    f'{name}{8 * size}': (channels, size)
+    for size in (1, 2)
+    for name, channels in _CHANNELS.items()
+} | dict.fromkeys(_IN_PAIRS, (2, 1))
 
 
 def photograph_from_message(message: Image, bits: int = 0) -> Photograph:

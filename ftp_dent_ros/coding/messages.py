@@ -26,6 +26,21 @@ if TYPE_CHECKING:
 
 
 CLOUD_FIELDS = ('x', 'y', 'z', 'intensity', 'sigma', 'resolution')
+#: Estimates of a dent: each is followed by its uncertainty.
+ESTIMATES = (
+    *('length', 'width', 'depth', 'model_length', 'model_width'),
+    *('orientation', 'area', 'volume'),
+)
+_FLOATS = (
+    *('x', 'y', 'z', 'normal_x', 'normal_y', 'normal_z', 'axis_x', 'axis_y', 'axis_z'),
+    *(name for each in ESTIMATES for name in (each, f'{each}_uncertainty')),
+    *('bottom_radius', 'clearance', 'position_uncertainty', 'significance'),
+)
+#: A dent as a point of a message: metres, radians, standard uncertainties.
+DENT = np.dtype(
+    [(name, '<f4') for name in _FLOATS]
+    + [(name, '<u4') for name in ('number', 'kind', 'is_cut', 'sightings')]
+)
 # Of sensor_msgs/PointField: FLOAT32 and FLOAT64.
 _FIELD_TYPES = {7: 'f4', 8: 'f8'}
 # From a frame's origin, metres: farther out single precision is coarser than a millimetre.
@@ -129,6 +144,21 @@ def _checked_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
             f'{lowest.tolist()}: publish what was measured'
         )
     return points
+
+
+def dents_from_message(message: PointCloud2) -> NDArray:
+    """Structured array of a message of the topics of dents, one `DENT` each.
+
+    Raises
+    ------
+    CloudError
+        It has other fields.
+    """
+    given = [(field.name, field.offset) for field in message.fields]
+    expected = [(name, DENT.fields[name][1]) for name in DENT.names or ()]  # type: ignore[index]
+    if given != expected or len(message.data) != message.width * DENT.itemsize:
+        raise CloudError('the message holds no dents: give one of the topic dents')
+    return np.frombuffer(message.data, DENT)
 
 
 def lens_from_message(message: CameraInfo) -> Lens | None:

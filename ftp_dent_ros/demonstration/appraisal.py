@@ -15,12 +15,14 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.coding.messages import dents_from_message
+from ftp_dent_ros.dents.dent import KINDS
 from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.ros.dent_messages import KINDS, dents_from_message, dents_to_message
+from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents, true_index
 from ftp_dent_ros.simulation.world import World
@@ -191,7 +193,7 @@ def false_in_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> int:
     Parameters
     ----------
     listed : ndarray
-        Structured, shape (n,), as of `ftp_dent_ros.ros.dent_messages.dents_from_message`, metres.
+        Structured, shape (n,), as of `ftp_dent_ros.coding.messages.dents_from_message`, metres.
     truth : sequence of TrueDent
         In the list's frame of reference.
     """

@@ -49,18 +49,13 @@ def make_keys(folder: Path) -> list[Path]:
     Raises
     ------
     ConfigurationError
-        The folder is not empty or cannot be written, or `cryptography` is not installed.
+        The folder is not empty or cannot be written.
     """
-    try:
-        from cryptography import x509
-        from cryptography.hazmat.primitives import hashes, serialization
-        from cryptography.hazmat.primitives.asymmetric import ec
-        from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
-    except ModuleNotFoundError:
-        raise ConfigurationError(
-            "keys need the Python package cryptography: install it with `pip install '.[ground]'` "
-            'or, on Ubuntu, `apt install python3-cryptography`'
-        ) from None
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
     if folder.is_dir() and any(folder.iterdir()):
         raise ConfigurationError(f'{folder}: holds files already: choose a new folder')
 
@@ -199,17 +194,12 @@ class GroundLink:
     Raises
     ------
     ConfigurationError
-        As `endpoints`; or Zenoh is not installed, or the address cannot be listened on.
+        As `endpoints`; or the address cannot be listened on.
     """
 
     def __init__(self, role: str, address: str, security: Security, name: str = 'payload') -> None:
-        try:
-            import zenoh
-        except ModuleNotFoundError:
-            raise ConfigurationError(
-                'the link needs Zenoh, which is not installed: install it with '
-                "`pip install '.[ground]'`"
-            ) from None
+        import zenoh
+
         if not re.fullmatch(r'\w+', name):
             raise ConfigurationError(f'{name!r} is no name of a link: give letters and digits')
         self._zenoh: Any = zenoh

@@ -17,6 +17,7 @@ from ftp_dent_ros.ground.commands import Answer, give_command
 from ftp_dent_ros.ground.link import GroundLink
 from ftp_dent_ros.ground.protocol import (
     LARGEST_REFERENCE,
+    REPLACED,
     SILENCE,
     WINDOW,
     Item,
@@ -68,6 +69,8 @@ class Assembly:
         # The last items of each topic, from which later ones may differ: more than can be in
         # flight when the drone learns of the one that it has chosen.
         self._recent: dict[str, deque[tuple[int, bytes]]] = {}
+        # Names of the last items of which only the newest is of use; the drone counts upwards.
+        self._newest: dict[str, int] = {}
         self._link = self._sequence = self._received = 0
 
     def add(self, piece: Piece) -> Item | None:
@@ -99,18 +102,24 @@ class Assembly:
         """Items of which some pieces have come."""
         return len(self._parts)
 
-    def _item(self, name: int, sent: bytes) -> Item:
+    def _item(self, name: int, sent: bytes) -> Item | None:
+        """What was sent; None if a newer one has overtaken it in whose place it would come."""
         whole = inflate(sent, dict(chain.from_iterable(self._recent.values())).get)
         item = Item.unpack(whole)
         if len(whole) <= LARGEST_REFERENCE:
             recent = self._recent.get(item.topic) or deque(maxlen=WINDOW)
             recent.append((name, whole))
             remember(self._recent, item.topic, recent, 24)
+        if item.latest or item.importance in REPLACED:
+            if name < self._newest.get(item.topic, 0):
+                return None
+            remember(self._newest, item.topic, name, 24)
         return item
 
     def _note(self, piece: Piece) -> None:
         if piece.link != self._link:
             self._link, self._sequence, self._received = piece.link, piece.sequence, 1
+            self._newest.clear()
             return
         ahead = piece.sequence - self._sequence
         if ahead > 0:

@@ -21,7 +21,6 @@ from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import IDENTITY
 from ftp_dent_ros.recording.clouds import (
     BagCloud,
-    SkippedMessage,
     bag_clouds,
     count_clouds,
     coverages_of,
@@ -76,7 +75,7 @@ def survey_bag(
     inspector = CloudInspector(inspect, count, placed=tagged, settings=settings)
     covered = coverages_of(bag)
     frame_id, in_camera = '', True
-    skipped: list[SkippedMessage] = []
+    skipped: list[str] = []
     read: deque[tuple[BagCloud, SeenCloud]] = deque()
 
     def tasks() -> Iterator[Task]:
@@ -91,7 +90,7 @@ def survey_bag(
         frame_id, in_camera = item.frame_id, in_camera and item.in_camera
         progress()
     camera = camera if in_camera else None
-    return inspector.report(str(bag.path), frame_id, rig, camera, rules, map(str, skipped))
+    return inspector.report(str(bag.path), frame_id, rig, camera, rules, skipped)
 
 
 def seen_cloud(item: BagCloud, covered: Mapping[int, Coverage]) -> SeenCloud:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from ftp_dent_ros import files
 from ftp_dent_ros.nodes.settings import OF_NODES, read
-from ftp_dent_ros.parameters import FileParameters, flat
+from ftp_dent_ros.parameters import Declarations, flat
 from ftp_dent_ros.supervision.configuration import NodeEntry
 from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
@@ -21,9 +20,9 @@ def names_of_all() -> tuple[str, ...]:
 
 def names_of(node: str) -> tuple[str, ...]:
     """Names of a node's parameters."""
-    given = FileParameters({}, Path(), node)
+    given = Declarations({})
     read(OF_NODES[node], given)
-    return tuple(given.names)
+    return tuple(given.made)
 
 
 def fitted(entries: Sequence[NodeEntry]) -> tuple[NodeEntry, ...]:
@@ -44,22 +43,23 @@ def settings_of(entry: NodeEntry) -> Any:
     return read(OF_NODES[entry.executable], _given(entry))
 
 
-def _given(entry: NodeEntry) -> FileParameters:
+def _given(entry: NodeEntry) -> Declarations:
     values = {**dict(flat(entry.shared)), **dict(flat(entry.parameters))}
-    return FileParameters(values, entry.file.parent, f'{entry.file}: {entry.name}')
+    return Declarations(values, entry.file.parent, f'{entry.file}: {entry.name}')
 
 
 def _fitted(entry: NodeEntry) -> NodeEntry:
+    own = dict(flat(entry.parameters))
     if entry.executable == SIMULATED_AUTOPILOT:
         from ftp_dent_ros.simulation.autopilot import build_parser
 
         given = _given(replace(entry, shared={}))
         given.file('scene', f'{files.SHIPPED}scene.yaml', 'Scene file.')
-        given.names.extend(vars(build_parser().parse_args([])))
-        given.refuse_others()
+        given.refuse_others(list(own), list(vars(build_parser().parse_args([]))))
     else:
-        own, given = dict(flat(entry.parameters)), _given(entry)
+        given = _given(entry)
         read(OF_NODES[entry.executable], given)
-        shared = [name for name, _ in flat(entry.shared) if name not in own]
-        given.refuse_others(shared, names_of_all())
+        given.refuse_others(
+            [name for name, _ in flat(entry.shared) if name not in own], names_of_all()
+        )
     return replace(entry, absolute=given.absolute, files=given.files)

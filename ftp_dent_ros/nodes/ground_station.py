@@ -27,7 +27,6 @@ from ftp_dent_ros.coding.messages import message_class
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.link import GroundLink
-from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.protocol import Item, remember
 from ftp_dent_ros.ground.station import Station
 from ftp_dent_ros.nodes.payload_node import PayloadNode
@@ -158,7 +157,10 @@ class GroundStation(PayloadNode[GroundStationSettings]):
                 closing(Station(link, self._queue.put, given.station))
             )
             if given.web:
-                self._page = held.enter_context(closing(serve_page(given.web, self._station)))
+                # Only who wants a page needs aiohttp.
+                from ftp_dent_ros.ground.page.server import PageServer
+
+                self._page = held.enter_context(closing(PageServer(given.web, self._station)))
                 self.get_logger().info(f'what comes is shown at {self._page.url}')
                 self.get_logger().info(f'for Foxglove it is at {self._page.foxglove_url}')
             # Where that failed the link's threads would keep the process.

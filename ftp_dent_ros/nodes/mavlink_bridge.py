@@ -28,7 +28,6 @@ from geometry_msgs.msg import (
 )
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
@@ -65,48 +64,6 @@ try:
     from tf2_msgs.msg import TFMessage
 except ImportError:
     TFMessage = None
-
-
-def transform_message(pose: Pose, parent: str, child: str, stamp_ns: int) -> TransformStamped:
-    """geometry_msgs/TransformStamped of the pose of a child frame in its parent."""
-    message = pose_to_message(pose)
-    at = message.position
-    return TransformStamped(
-        header=make_header(stamp_ns, parent),
-        child_frame_id=child,
-        transform=Transform(
-            translation=Vector3(x=at.x, y=at.y, z=at.z), rotation=message.orientation
-        ),
-    )
-
-
-class TransformPublisher:
-    """Publishes on ``/tf`` and ``/tf_static``; does nothing where TF is not installed.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    wanted : bool
-        Whether to publish at all.
-    """
-
-    def __init__(self, node: Node, wanted: bool = True) -> None:
-        self._publishers: list[Publisher] = []
-        if wanted and TFMessage is not None:
-            # As tf2_ros has them.
-            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            self._publishers = [
-                node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100)),
-                node.create_publisher(TFMessage, '/tf_static', latched),
-            ]
-
-    def publish(
-        self, pose: Pose, parent: str, child: str, stamp_ns: int, static: bool = False
-    ) -> None:
-        """Publish a pose, that never changes if it is `static`."""
-        if self._publishers:
-            message = transform_message(pose, parent, child, stamp_ns)
-            self._publishers[static].publish(TFMessage(transforms=[message]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,9 +212,17 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         )
         self._earth = self.create_publisher(NavSatFix, 'earth', LATCHED) if given.earth else None
         self._poses = self.create_publisher(PoseStamped, 'mavlink/pose', POSES)
-        self._transforms = TransformPublisher(self, given.publish_tf)
+        #: Of /tf and /tf_static; none where TF is not wanted or not installed.
+        self._transforms: list[Publisher] = []
+        if given.publish_tf and TFMessage is not None:
+            # As tf2_ros has them.
+            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            self._transforms = [
+                self.create_publisher(TFMessage, '/tf', QoSProfile(depth=100)),
+                self.create_publisher(TFMessage, '/tf_static', latched),
+            ]
         frames = given.base_frame, given.camera_frame
-        self._transforms.publish(self._mount, *frames, self.now_ns(), static=True)
+        self._transform(self._mount, *frames, self.now_ns(), is_static=True)
         self.hear(PointCloud2, 'points', self._on_points, CLOUDS)
         self._news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -281,9 +246,25 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         for stamp, pose in poses:
             self.diagnostics.count('poses')
             self._poses.publish(pose_stamped_message(pose, stamp, self.given.map_frame))
-            self._transforms.publish(pose, self.given.map_frame, self.given.base_frame, stamp)
+            self._transform(pose, self.given.map_frame, self.given.base_frame, stamp)
         if self._waiting:
             self._news.trigger()
+
+    def _transform(
+        self, pose: Pose, parent: str, child: str, stamp_ns: int, is_static: bool = False
+    ) -> None:
+        """Publish the pose of a child frame in its parent."""
+        if self._transforms:
+            message = pose_to_message(pose)
+            at = message.position
+            transform = TransformStamped(
+                header=make_header(stamp_ns, parent),
+                child_frame_id=child,
+                transform=Transform(
+                    translation=Vector3(x=at.x, y=at.y, z=at.z), rotation=message.orientation
+                ),
+            )
+            self._transforms[is_static].publish(TFMessage(transforms=[transform]))
 
     def _on_points(self, message: PointCloud2) -> None:
         self.diagnostics.count('clouds')

@@ -74,7 +74,9 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             'a pattern could not be read',
             'wrong pattern',
         )
-        AnySubscription(self, CameraInfo, 'camera/camera_info', self._watch.on_info)
+        AnySubscription(
+            self, CameraInfo, 'camera/camera_info', lambda info, _: self._watch.on_info(info)
+        )
         self._images = AnySubscription(self, Image, 'camera/image_raw', self._on_image)
         self._last_stamp_ns = 0
 
@@ -106,7 +108,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         with contextlib.suppress(RefusedFrameError, PatternError):
             self._reconstructor(pattern)
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image, _: Any) -> None:
         self.diagnostics.count('images')
         if self._points.get_subscription_count():
             self._worker.put(message)

@@ -38,9 +38,6 @@ _TYPES = {
     CAMERA_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     SKIN: 'sensor_msgs/msg/Image',
 }
-#: Name of the rig's id, in a bag's custom data as in the diagnostics of ``reconstruction``.
-RIG = 'rig'
-NO_RIG = 'none'
 _DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
@@ -79,26 +76,6 @@ class BagCloud:
     skin: NDArray[np.uint8] | None = None
 
 
-@dataclass(frozen=True)
-class SkippedMessage:
-    """A message that could not be used.
-
-    Attributes
-    ----------
-    topic : str
-    stamp_ns : int
-        Of its header; where that cannot be read, when it was received.
-    reason : str
-    """
-
-    topic: str
-    stamp_ns: int
-    reason: str
-
-    def __str__(self) -> str:
-        return f'{self.topic} at {self.stamp_ns / 1e9:.3f} s: {self.reason}'
-
-
 def count_clouds(bag: Bag) -> tuple[int, bool]:
     """How many clouds a bag has, and whether they are tagged with their poses.
 
@@ -114,7 +91,7 @@ def count_clouds(bag: Bag) -> tuple[int, bool]:
 
 def bag_clouds(
     bag: Bag,
-    skip: Callable[[SkippedMessage], object] = lambda skipped: None,
+    skip: Callable[[str], object] = lambda sentence: None,
     photographs: bool = True,
 ) -> Iterator[BagCloud]:
     """Clouds of a bag in the order of their arrival: the tagged ones, else those of `POINTS`.
@@ -123,8 +100,8 @@ def bag_clouds(
     ----------
     bag : Bag
     skip : callable
-        Called with each message that cannot be used. A cloud or its pose costs that cloud, a
-        photograph nothing else.
+        Called with a sentence on each message that cannot be used. A cloud or its pose costs that
+        cloud, a photograph nothing else.
     photographs : bool
         Whether they are asked for.
 
@@ -148,13 +125,13 @@ def bag_clouds(
             content = _usable(message, content)
         except FtpDentError as reason:
             at_ns = message.log_time_ns if stamp_ns is None else stamp_ns
-            skip(SkippedMessage(message.topic, at_ns, str(reason)))
+            skip(f'{message.topic} at {at_ns / 1e9:.3f} s: {reason}')
             if stamp_ns is None:
                 continue
             content = None
         if stamp_ns in done:
             if message.topic in wanted:
-                skip(SkippedMessage(message.topic, stamp_ns, 'is there a second time'))
+                skip(f'{message.topic} at {stamp_ns / 1e9:.3f} s: is there a second time')
             continue
         parts = waiting.setdefault(stamp_ns, {})
         parts[message.topic] = content
@@ -168,23 +145,10 @@ def bag_clouds(
             del waiting[next(iter(waiting))]
 
 
-def rig_id_in(array: Any) -> str:
-    """Id of the rig in a diagnostic_msgs/DiagnosticArray; empty if there is none."""
-    for status in array.status:
-        for value in status.values:
-            if value.key == RIG and value.value not in ('', NO_RIG):
-                return str(value.value)
-    return ''
-
-
 def rig_id_of(bag: Bag) -> str:
-    """Id of the rig that measured a bag's clouds; empty if the bag does not say it.
-
-    The recorder writes it into the metadata. Where the recorder was killed, the recorded
-    diagnostics have it.
-    """
-    noted = bag.metadata.custom_data.get(RIG, '')
-    return noted or next(filter(None, map(rig_id_in, _diagnostics(bag))), '')
+    """Id of the rig that measured a bag's clouds; empty if its diagnostics do not say it."""
+    told = (values.get('rig', 'none') for values in _diagnostics(bag))
+    return next((rig_id for rig_id in told if rig_id not in ('', 'none')), '')
 
 
 def coverages_of(bag: Bag) -> dict[int, Coverage]:
@@ -193,20 +157,20 @@ def coverages_of(bag: Bag) -> dict[int, Coverage]:
     The diagnostics of ``reconstruction`` have that of the worst cloud of each second.
     """
     coverages = {}
-    for array in _diagnostics(bag):
-        for status in array.status:
-            values = {str(item.key): str(item.value) for item in status.values}
-            stamp, coverage = values.get(NOTED_STAMP, ''), Coverage.noted(values)
-            if coverage is not None and stamp.isdecimal():
-                coverages[int(stamp)] = coverage
+    for values in _diagnostics(bag):
+        stamp, coverage = values.get(NOTED_STAMP, ''), Coverage.noted(values)
+        if coverage is not None and stamp.isdecimal():
+            coverages[int(stamp)] = coverage
     return coverages
 
 
-def _diagnostics(bag: Bag) -> Iterator[Any]:
-    topics = [topic.name for topic in bag.metadata.topics if topic.type == _DIAGNOSTICS]
-    for message in bag.messages(topics) if topics else ():
+def _diagnostics(bag: Bag) -> Iterator[dict[str, str]]:
+    """What the nodes of a bag told of themselves, by name, each time."""
+    topics = [topic.name for topic in bag.topics if topic.type == _DIAGNOSTICS]
+    for message in bag.messages(topics):
         if message.type == _DIAGNOSTICS:
-            yield bag.deserialise(message)
+            for status in bag.deserialise(message).status:
+                yield {str(item.key): str(item.value) for item in status.values}
 
 
 def _wanted(bag: Bag) -> frozenset[str]:
@@ -223,8 +187,8 @@ def _wanted(bag: Bag) -> frozenset[str]:
 def _counts(bag: Bag) -> dict[str, int]:
     """Messages of the topics that are asked for and have the type expected."""
     return {
-        topic.name: bag.metadata.message_counts.get(topic.name, 0)
-        for topic in bag.metadata.topics
+        topic.name: bag.message_counts[topic.name]
+        for topic in bag.topics
         if topic.type == _TYPES.get(topic.name)
     }
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -25,20 +24,19 @@ from ftp_dent_ros.coding.messages import CLOUD_FIELDS, cloud_from_message, lens_
 from ftp_dent_ros.errors import BagError, InputError
 from ftp_dent_ros.recording.topic import (
     CODED,
+    CODED_TYPE,
     Message,
     RecordedTopic,
     deserialise,
-    find_definition,
-    type_hash,
+    known_topic,
     typestore,
 )
 from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.rig.rig import Lens
 
-_CODED = 'sensor_msgs/msg/CompressedImage'
-_CLOUD, _IMAGE = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image'
+_CLOUD, _IMAGE = CODED.values()
+_SUFFIXES = {kind: suffix for suffix, kind in CODED.items()}
 _INFO = 'sensor_msgs/msg/CameraInfo'
-_SUFFIXES = dict(zip((_CLOUD, _IMAGE), CODED, strict=True))
 _FLOAT32 = 7  # of sensor_msgs/PointField
 _FORMAT = re.compile(r'ftp_dent_ros cloud (\d+), (\d) fields|ftp_dent_ros (\w+), (?:jpeg|png)')
 # Of one level a pixel: JPEG would mix a mosaic's colours, and has eight bits.
@@ -81,22 +79,20 @@ class CompressedBagWriter(BagWriter):
                 super().add_topic(topic)
             return message
         store = typestore()
-        coded = store.types[_CODED](
+        coded = store.types[CODED_TYPE](
             header=given.header, format=form, data=np.frombuffer(data, np.uint8)
         )
         name = f'{topic.name}{_SUFFIXES[topic.type]}'
-        super().add_topic(_topic(name, _CODED, topic))
-        raw = bytes(store.serialize_cdr(coded, _CODED))
-        return message._replace(topic=name, type=_CODED, data=raw)
+        super().add_topic(known_topic(name, CODED_TYPE, topic.offered_qos))
+        raw = bytes(store.serialize_cdr(coded, CODED_TYPE))
+        return message._replace(topic=name, type=CODED_TYPE, data=raw)
 
     def _code_cloud(self, message: Any) -> tuple[str, bytes]:
         count = len(message.fields)
-        plain = [
-            field.name == name and field.datatype == _FLOAT32 and field.offset == 4 * index
-            for index, (field, name) in enumerate(zip(message.fields, CLOUD_FIELDS, strict=False))
-        ]
+        given = [(each.name, each.datatype, each.offset) for each in message.fields]
+        plain = [(name, _FLOAT32, 4 * k) for k, name in enumerate(CLOUD_FIELDS[:count])]
         dense = message.point_step == 4 * count and message.row_step == 4 * count * message.width
-        if not (4 <= count <= len(CLOUD_FIELDS) and all(plain) and dense and message.height > 1):
+        if not (given == plain and count >= 4 and dense and message.height > 1):
             raise ValueError('a cloud of another layout')
         cloud = cloud_from_message(message)
         lens = self._lenses.get(message.header.frame_id)
@@ -119,23 +115,6 @@ class CompressedBagWriter(BagWriter):
         return f'ftp_dent_ros rgb8, {name}', _encoded(bgr, form, options)
 
 
-def plain_topics(
-    topics: Iterable[RecordedTopic],
-) -> tuple[dict[str, str], tuple[RecordedTopic, ...]]:
-    """Names of coded topics and what they stand for, and all topics as they were recorded."""
-    coded: dict[str, str] = {}
-    plain: list[RecordedTopic] = []
-    for topic in topics:
-        for kind, suffix in _SUFFIXES.items():
-            if topic.type == _CODED and topic.name.endswith(suffix):
-                name = coded[topic.name] = topic.name.removesuffix(suffix)
-                plain.append(_topic(name, kind, topic))
-                break
-        else:
-            plain.append(topic)
-    return coded, tuple(plain)
-
-
 def decoded(message: Message, name: str) -> Message:
     """Message as it was recorded, under the topic's name.
 
@@ -146,7 +125,7 @@ def decoded(message: Message, name: str) -> Message:
     """
     store = typestore()
     try:
-        given = deserialise(message.data, _CODED)
+        given = deserialise(message.data, CODED_TYPE)
         match = _FORMAT.fullmatch(given.format)
         if match is None:
             raise BagError(f'{message.topic} holds {given.format!r}, which is not known here')
@@ -214,10 +193,3 @@ def _encoded(bgr: Any, form: str, options: Sequence[int]) -> bytes:
     if not done:
         raise ValueError('a picture that cannot be compressed')
     return data.tobytes()
-
-
-def _topic(name: str, kind: str, like: RecordedTopic) -> RecordedTopic:
-    code = type_hash(kind)
-    return replace(
-        like, name=name, type=kind, type_hash=code, definition=find_definition(kind, code)
-    )

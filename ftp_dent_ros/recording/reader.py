@@ -8,10 +8,10 @@
 from __future__ import annotations
 
 import os
-from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,31 +20,15 @@ from mcap.records import Channel, Schema
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.topic import CODED, Message, RecordedTopic, deserialise, qos_from
+from ftp_dent_ros.recording.topic import (
+    Message,
+    RecordedTopic,
+    deserialise,
+    plain_topic,
+    qos_from,
+)
 from ftp_dent_ros.recording.writer import METADATA_FILE, NO_TIME_NS
 from ftp_dent_ros.yaml_file import read_yaml
-
-
-@dataclass(frozen=True)
-class BagMetadata:
-    """What a bag says about itself.
-
-    A topic's name is there twice if messages of two types were recorded of it.
-
-    Attributes
-    ----------
-    topics : tuple of RecordedTopic
-    message_counts : mapping of str to int
-        By topic.
-    start_ns : int
-        Log time of the first message, ns since the epoch; `NO_TIME_NS` if there is none.
-    custom_data : mapping of str to str
-    """
-
-    topics: tuple[RecordedTopic, ...]
-    message_counts: Mapping[str, int]
-    start_ns: int = NO_TIME_NS
-    custom_data: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -57,52 +41,50 @@ class Bag:
         The folder or the file.
     files : tuple of Path
         Its MCAP files, in order.
-    metadata : BagMetadata
-        Topics, counts and times, as they were recorded.
+    topics : tuple of RecordedTopic
+        As they were recorded; a name is there twice if messages of two types were recorded of it.
+    message_counts : mapping of str to int
+        By topic.
+    start_ns : int
+        Log time of the first message, ns since the epoch; `NO_TIME_NS` if there is none.
     coded : mapping
-        Names of topics that were compressed as they were recorded, and what they stand for.
+        Names of topics that are stored compressed, and what they stand for.
     """
 
     path: Path
     files: tuple[Path, ...]
-    metadata: BagMetadata
+    topics: tuple[RecordedTopic, ...]
+    message_counts: Mapping[str, int]
+    start_ns: int
     coded: Mapping[str, str]
 
-    def messages(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None
-    ) -> Iterator[Message]:
+    def topics_of(self, names: Collection[str]) -> list[RecordedTopic]:
+        """Topics of these names; raises `BagError` if the bag has not all of them."""
+        known = {topic.name for topic in self.topics}
+        for unknown in sorted(set(names) - known):
+            there = ', '.join(sorted(known)) or 'none'
+            raise BagError(f'{self.path}: has no topic {unknown}: it has {there}')
+        return [topic for topic in self.topics if topic.name in names]
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
         """Messages in the order in which they were received.
 
         Parameters
         ----------
         topics : collection of str, optional
             Names of the topics wanted; all by default.
-        start_ns : int, optional
-            Log time of the first message wanted.
 
         Raises
         ------
         BagError
             A topic is not in the bag, or the data are damaged.
         """
-        known = {topic.name for topic in self.metadata.topics}
-        for unknown in sorted(set(topics or ()) - known):
-            there = ', '.join(sorted(known)) or 'none'
-            raise BagError(f'{self.path}: has no topic {unknown}: it has {there}')
-        return self._messages(topics, start_ns)
-
-    def deserialise(self, message: Message) -> Any:
-        """Content of a message of this bag, without ROS: see `topic.deserialise`."""
-        wanted = (message.topic, message.type)
-        topic = next(each for each in self.metadata.topics if (each.name, each.type) == wanted)
-        return deserialise(message.data, message.type, topic.definition)
-
-    def _messages(self, topics: Collection[str] | None, start_ns: int | None) -> Iterator[Message]:
         if topics is not None:
+            self.topics_of(topics)
             topics = {*topics, *(code for code, name in self.coded.items() if name in topics)}
         for path in self.files:
             with _whole_file(path) as reader:
-                for schema, channel, record in reader.iter_messages(topics, starting_at=start_ns):
+                for schema, channel, record in reader.iter_messages(topics):
                     message = Message(
                         channel.topic,
                         schema.name if schema else '',
@@ -118,6 +100,12 @@ class Bag:
                         message = decoded(message, self.coded[channel.topic])
                     yield message
 
+    def deserialise(self, message: Message) -> Any:
+        """Content of a message of this bag, without ROS: see `topic.deserialise`."""
+        wanted = (message.topic, message.type)
+        topic = next(each for each in self.topics if (each.name, each.type) == wanted)
+        return deserialise(message.data, message.type, topic.definition)
+
 
 def open_bag(path: str | os.PathLike[str]) -> Bag:
     """Open a bag's folder, or one MCAP file, without reading its messages.
@@ -130,26 +118,26 @@ def open_bag(path: str | os.PathLike[str]) -> Bag:
     path = Path(path)
     if not path.exists():
         raise BagError(f'{path}: no such bag: check the path')
-    files, custom = _read_metadata(path) if path.is_dir() else ([path], {})
-    metadata = replace(_metadata(files), custom_data=custom)
-    coded: Mapping[str, str] = {}
-    if any(topic.name.endswith(CODED) for topic in metadata.topics):
-        from ftp_dent_ros.recording.compression import plain_topics
-
-        coded, plain = plain_topics(metadata.topics)
-        counts: dict[str, int] = defaultdict(int)
-        for name, count in metadata.message_counts.items():
-            counts[coded.get(name, name)] += count
-        topics = {(topic.name, topic.type): topic for topic in plain}
-        metadata = replace(metadata, topics=tuple(topics.values()), message_counts=dict(counts))
-    return Bag(path, tuple(files), metadata, coded)
-
-
-def read_messages(
-    path: str | os.PathLike[str], topics: Collection[str] | None = None
-) -> Iterator[Message]:
-    """Messages of a bag, all or those of some topics, in the order of their reception."""
-    return open_bag(path).messages(topics)
+    files = _files_of(path) if path.is_dir() else [path]
+    topics: dict[tuple[str, str], RecordedTopic] = {}
+    counts: Counter[str] = Counter()
+    coded: dict[str, str] = {}
+    start_ns = NO_TIME_NS
+    for file in files:
+        with _whole_file(file) as reader:
+            summary = reader.get_summary()
+            if summary is None or summary.statistics is None:
+                raise ValueError('it has no index')
+            for channel in summary.channels.values():
+                stored = topic_from(channel, summary.schemas.get(channel.schema_id))
+                topic = plain_topic(stored)
+                if topic is not stored:
+                    coded[stored.name] = topic.name
+                topics.setdefault((topic.name, topic.type), topic)
+                counts[topic.name] += summary.statistics.channel_message_counts.get(channel.id, 0)
+        if summary.statistics.message_count:
+            start_ns = min(start_ns, summary.statistics.message_start_time)
+    return Bag(path, tuple(files), tuple(topics.values()), counts, start_ns, coded)
 
 
 def topic_from(channel: Channel, schema: Schema | None) -> RecordedTopic:
@@ -175,8 +163,8 @@ def topic_from(channel: Channel, schema: Schema | None) -> RecordedTopic:
     )
 
 
-def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
-    """Files of a bag's folder, and its custom data."""
+def _files_of(folder: Path) -> list[Path]:
+    """Files of a bag's folder, as its metadata have them."""
     path = folder / METADATA_FILE
     if not path.is_file():
         if not any(folder.glob('*.mcap')):
@@ -191,7 +179,6 @@ def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
         storage, mode = information['storage_identifier'], information.get('compression_mode', '')
         # Before version 4 the names included the bag's own folder.
         files = [folder / Path(name).name for name in information['relative_file_paths']]
-        given = dict(information.get('custom_data') or {})
     except (KeyError, TypeError, ValueError, AttributeError) as reason:
         raise BagError(
             f'{path}: not a rosbag2 metadata file ({type(reason).__name__}: {reason}): '
@@ -202,26 +189,7 @@ def _read_metadata(folder: Path) -> tuple[list[Path], dict[str, str]]:
             f'{folder}: stored as {storage} {mode}'.rstrip()
             + ', and only MCAP is read here: convert it with `ros2 bag convert`'
         )
-    return files, {str(name): str(value) for name, value in given.items()}
-
-
-def _metadata(files: Sequence[Path]) -> BagMetadata:
-    """What the ends of the files say."""
-    counts: dict[str, int] = defaultdict(int)
-    topics: dict[tuple[str, str], RecordedTopic] = {}
-    start_ns = NO_TIME_NS
-    for path in files:
-        with _whole_file(path) as reader:
-            summary = reader.get_summary()
-            if summary is None or summary.statistics is None:
-                raise ValueError('it has no index')
-            for channel in summary.channels.values():
-                topic = topic_from(channel, summary.schemas.get(channel.schema_id))
-                topics.setdefault((topic.name, topic.type), topic)
-                counts[topic.name] += summary.statistics.channel_message_counts.get(channel.id, 0)
-        if summary.statistics.message_count:
-            start_ns = min(start_ns, summary.statistics.message_start_time)
-    return BagMetadata(tuple(topics.values()), dict(counts), start_ns)
+    return files
 
 
 @contextmanager

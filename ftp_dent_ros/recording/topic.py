@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ftp_dent_ros.errors import BagError, ConfigurationError
 
-#: Of topics that hold another one's messages compressed (`compression`): clouds, and pictures.
-CODED = ('/coded_cloud', '/coded_image')
+CODED_TYPE = 'sensor_msgs/msg/CompressedImage'
+#: Of topics that hold another one's messages compressed (`compression`), and of which type.
+CODED = {
+    '/coded_cloud': 'sensor_msgs/msg/PointCloud2',
+    '/coded_image': 'sensor_msgs/msg/Image',
+}
 # rmw's duration that never ends, as rosbag2 writes it.
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 # rmw/types.h: the numbers that rosbag2 wrote up to version 8.
@@ -111,30 +112,33 @@ def typestore() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def type_hash(type_name: str) -> str:
-    """REP 2016's hash of a known type, '' of any other."""
-    return typestore().hash_rihs01(type_name) if type_name in typestore().fielddefs else ''
-
-
-def find_definition(type_name: str, recorded_hash: str = '') -> str:
-    """Definition of a message type, with those of all types that it contains; '' if not found.
-
-    Jazzy's common interfaces are known; others are looked up in the ``.msg`` files of the
-    sourced ROS workspaces.
+def known_topic(
+    name: str, type_name: str, qos: tuple[Qos, ...] = (), announced: str = ''
+) -> RecordedTopic:
+    """A topic with hash and definition of its type, as far as they are known.
 
     Parameters
     ----------
-    type_name : str
-        As in ``sensor_msgs/msg/Image``.
-    recorded_hash : str, optional
-        Hash that the publisher announced: a definition with another hash would be a wrong one.
+    name, type_name : str
+    qos : tuple of Qos
+        Offered by its publishers.
+    announced : str, optional
+        Hash that they announce: a definition with another hash would be a wrong one.
     """
     store = typestore()
-    if type_name not in store.fielddefs:
-        _register_installed(type_name)
-    if type_name not in store.fielddefs or recorded_hash not in ('', type_hash(type_name)):
-        return ''
-    return store.generate_msgdef(type_name, ros_version=2)[0]
+    known = store.hash_rihs01(type_name) if type_name in store.fielddefs else ''
+    definition = ''
+    if known and announced in ('', known):
+        definition = store.generate_msgdef(type_name, ros_version=2)[0]
+    return RecordedTopic(name, type_name, announced or known, qos, definition)
+
+
+def plain_topic(topic: RecordedTopic) -> RecordedTopic:
+    """What a coded topic stands for; any other is itself."""
+    for suffix, kind in CODED.items():
+        if topic.type == CODED_TYPE and topic.name.endswith(suffix):
+            return known_topic(topic.name.removesuffix(suffix), kind, topic.offered_qos)
+    return topic
 
 
 def deserialise(data: bytes, type_name: str, definition: str = '') -> Any:
@@ -161,37 +165,10 @@ def deserialise(data: bytes, type_name: str, definition: str = '') -> Any:
         return store.deserialize_cdr(data, type_name)
     except KeyError:
         raise BagError(
-            f'the message type {type_name} is unknown: read it where its package is installed'
+            f'the message type {type_name} is unknown, and the bag does not describe it'
         ) from None
     except Exception as reason:  # the library's own, of several kinds
         raise BagError(f'a message is no {type_name} ({reason}): the bag is damaged') from None
-
-
-def _register_installed(type_name: str) -> None:
-    """Make a type of the sourced workspaces known, with all that it contains, or nothing."""
-    found: Any = {}
-    missing = [type_name]
-    while missing:
-        name = missing.pop()
-        package, *_, message = name.split('/')
-        prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-        paths = (Path(prefix, 'share', package, 'msg', f'{message}.msg') for prefix in prefixes)
-        path = next((path for path in paths if path.is_file()), None)
-        if path is None:
-            return
-        found.update(get_types_from_msg(path.read_text(encoding='utf-8'), name))
-        known = found.keys() | typestore().fielddefs.keys()
-        missing += {part for _, field in found[name][1] for part in _names_in(field)} - known
-    typestore().register(found)
-
-
-def _names_in(field: Any) -> Iterator[str]:
-    """Names of the types in a field's description, as `rosbags` parses it."""
-    kind, content = field
-    if kind == Nodetype.NAME:
-        yield content
-    elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        yield from _names_in(content[0])
 
 
 def absolute_names(names: Iterable[str]) -> tuple[str, ...]:

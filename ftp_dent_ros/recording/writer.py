@@ -11,7 +11,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -31,43 +31,39 @@ _CHUNK = 1 << 20
 
 
 class BagWriter(AbstractContextManager['BagWriter']):
-    """Writes a new bag: ``FOLDER/NAME_0.mcap``, at last ``FOLDER/metadata.yaml``.
+    """Writes a new bag: ``FOLDER/FOLDER_0.mcap``, at last ``FOLDER/metadata.yaml``.
 
     The file is of profile ``ros2``, uncompressed, with checksums and an index. Every message that
     `write` has returned from is in the kernel's hands: it outlives this process, and
-    `recovery.recover` gives it back if the bag is never closed.
+    ``ftp-dent recover`` gives it back if the bag is never closed.
 
     Parameters
     ----------
     folder : Path
         Is made, and must not exist.
-    name : str, optional
-        What the file is called; the folder's name by default.
 
     Attributes
     ----------
     message_counts : dict of str to int
         Messages written, by topic.
-    custom_data : dict of str to str
-        Further entries of the metadata; may grow until the bag is closed.
+    size : int
+        Bytes of the file.
 
     Raises
     ------
     BagError
         The folder exists or cannot be made. By all that writes: the disk is full or fails; the
-        bag then ends there and cannot be closed.
+        bag then ends there.
     """
 
-    def __init__(self, folder: Path, name: str = '') -> None:
-        self.folder = folder
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.size = folder, 0
         self.message_counts: dict[str, int] = defaultdict(int)
-        self.custom_data: dict[str, str] = {}
-        self._path = folder / f'{name or folder.resolve().name}_0.mcap'
+        self._path = folder / f'{folder.resolve().name}_0.mcap'
         self._topics: dict[str, RecordedTopic] = {}
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._start_ns, self._end_ns = NO_TIME_NS, 0
-        self._failure: BagError | None = None
         with self._disk():
             try:
                 folder.mkdir(parents=True)
@@ -76,12 +72,10 @@ class BagWriter(AbstractContextManager['BagWriter']):
                     f'{folder}: exists already and is not overwritten: choose another output '
                     'folder'
                 ) from None
-            self._stream = _Stream(self._path)
+            self._stream = self._path.open('xb')
             # Without a limit of its own it ends a chunk where it is told to.
             self._writer = Writer(
-                self._stream,  # type: ignore[arg-type]
-                chunk_size=1 << 62,
-                compression=CompressionType.NONE,
+                self._stream, chunk_size=1 << 62, compression=CompressionType.NONE
             )
             self._writer.start('ros2', f'ftp_dent_ros {__version__}')
             self._writer.flush()
@@ -95,11 +89,6 @@ class BagWriter(AbstractContextManager['BagWriter']):
     def message_count(self) -> int:
         """Messages written."""
         return sum(list(self.message_counts.values()))
-
-    @property
-    def size(self) -> int:
-        """Bytes of the file."""
-        return self._stream.size
 
     def add_topic(self, topic: RecordedTopic) -> None:
         """Make a topic known before its first message; a second time changes nothing."""
@@ -121,7 +110,7 @@ class BagWriter(AbstractContextManager['BagWriter']):
     def sync(self) -> None:
         """Have what is written outlive a power cut too; takes as long as the disk needs."""
         with self._disk():
-            self._stream.sync()
+            os.fdatasync(self._stream.fileno())
 
     def close(self) -> None:
         """Close the file and write ``metadata.yaml``: the bag is whole."""
@@ -132,7 +121,8 @@ class BagWriter(AbstractContextManager['BagWriter']):
             self._writer.add_metadata('rosbag2', {'serialized_metadata': _yaml(information)})
             self._writer.finish()
             self._stream.flush()
-            self._stream.sync()
+            self.size = self._stream.tell()
+            self.sync()
             self._stream.close()
             with write_atomically(self.folder / METADATA_FILE) as path:
                 content = _yaml({'rosbag2_bagfile_information': information})
@@ -142,7 +132,8 @@ class BagWriter(AbstractContextManager['BagWriter']):
         if kind is None:
             self.close()
         else:
-            self._stream.close()
+            with suppress(OSError):  # of a full disk
+                self._stream.close()
 
     def _write(self, messages: list[Message]) -> None:
         """Write messages as one chunk."""
@@ -156,6 +147,7 @@ class BagWriter(AbstractContextManager['BagWriter']):
                     sequence=message.sequence,
                 )
             self._writer.flush()
+            self.size = self._stream.tell()
         for message in messages:
             self.message_counts[message.topic] += 1
             self._start_ns = min(self._start_ns, message.log_time_ns)
@@ -204,24 +196,21 @@ class BagWriter(AbstractContextManager['BagWriter']):
             'compression_mode': '',
             'relative_file_paths': [self._path.name],
             'files': [{'path': self._path.name, **times}],
-            'custom_data': self.custom_data or None,
+            'custom_data': None,
             # Where no ROS is sourced it is that of the wheels.
             'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
         }
 
     @contextmanager
     def _disk(self) -> Iterator[None]:
-        """After the first failure nothing more is written: the file ends with a whole chunk."""
-        if self._failure is not None:
-            raise self._failure
+        """Tell of a disk that is full or fails."""
         try:
             yield
         except OSError as reason:
-            self._failure = BagError(
+            raise BagError(
                 f'{self.folder}: cannot be written ({reason.strerror}): free some space, or take '
                 'another disk'
-            )
-            raise self._failure from None
+            ) from None
 
 
 class BagSpool:
@@ -234,7 +223,7 @@ class BagSpool:
     Parameters
     ----------
     writer : BagWriter
-        Written by the thread alone until `close`.
+        Written and closed by the thread alone.
     capacity : int
         Bytes of messages that may wait.
 
@@ -243,8 +232,8 @@ class BagSpool:
     dropped : int
         Messages that were not taken because the queue was full.
     error : Exception or None
-        Why the thread has stopped writing, a BagError if the disk is the reason. Messages are
-        then no longer taken.
+        Why the thread has stopped writing, or the bag could not be closed: a BagError if the
+        disk is the reason. Messages are then no longer taken.
     """
 
     def __init__(self, writer: BagWriter, capacity: int) -> None:
@@ -272,68 +261,33 @@ class BagSpool:
             return True
 
     def close(self) -> None:
-        """Write what waits and end the thread; the writer is left open."""
+        """Write what waits, close the bag and end the thread."""
         self._closing.set()
         self._thread.join()
 
     def _run(self) -> None:
         """Write what waits, in a few chunks a second: few enough for an index of hours."""
         synced = time.monotonic()
-        is_last = False
-        while not is_last:
-            is_last = self._closing.wait(0.1)
-            batch = self._waiting
-            before = self._writer.message_count
-            with self._lock:
-                self._waiting = deque()
-            try:
+        batch: deque[Message] = deque()
+        before, is_last = 0, False
+        try:
+            while not is_last:
+                is_last = self._closing.wait(0.1)
+                before, batch = self._writer.message_count, self._waiting
+                with self._lock:
+                    self._waiting = deque()
                 self._writer.write(batch)
+                with self._lock:
+                    self._waiting_size -= sum(len(message.data) for message in batch)
                 if time.monotonic() - synced > 2.0:
                     self._writer.sync()
                     synced = time.monotonic()
-            except Exception as error:
-                with self._lock:
-                    self.error = error
-                    written = self._writer.message_count - before
-                    self.dropped += len(batch) - written + len(self._waiting)
-                return
+            self._writer.close()
+        except Exception as error:
             with self._lock:
-                self._waiting_size -= sum(len(message.data) for message in batch)
-
-
-class _Stream:
-    """A new file that takes what is written at each `flush`, all of it or nothing."""
-
-    def __init__(self, path: Path) -> None:
-        self.size = 0
-        self._waiting: list[bytes] = []
-        self._file = path.open('xb', buffering=0)
-
-    def write(self, data: bytes) -> None:
-        self._waiting.append(data)
-
-    def tell(self) -> int:
-        return self.size + sum(map(len, self._waiting))
-
-    def flush(self) -> None:
-        end = self.tell()
-        try:
-            for data in self._waiting:
-                rest = memoryview(data)
-                while rest:
-                    rest = rest[self._file.write(rest) :]
-        except OSError:
-            self._file.truncate(self.size)
-            raise
-        self._waiting.clear()
-        self.size = end
-
-    def sync(self) -> None:
-        """Have the kernel put what is written on the disk itself."""
-        os.fdatasync(self._file.fileno())
-
-    def close(self) -> None:
-        self._file.close()
+                self.error = error
+                unwritten = len(batch) - (self._writer.message_count - before)
+                self.dropped += unwritten + len(self._waiting)
 
 
 class _Dumper(yaml.SafeDumper):

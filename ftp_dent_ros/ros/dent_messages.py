@@ -12,23 +12,11 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ftp_dent_ros.coding.messages import DENT, ESTIMATES
 from ftp_dent_ros.dents.dent import KINDS
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.ros.messages import make_header, to_data
 from ftp_dent_ros.survey.footprint import SeenSkin
-
-_ESTIMATES = (
-    *('length', 'width', 'depth', 'model_length', 'model_width'),
-    *('orientation', 'area', 'volume'),
-)
-_FLOATS = (
-    *('x', 'y', 'z', 'normal_x', 'normal_y', 'normal_z', 'axis_x', 'axis_y', 'axis_z'),
-    *(name for each in _ESTIMATES for name in (each, f'{each}_uncertainty')),
-    *('bottom_radius', 'clearance', 'position_uncertainty', 'significance'),
-)
-_WHOLE = ('number', 'kind', 'is_cut', 'sightings')
-_POINT = np.dtype([(name, '<f4') for name in _FLOATS] + [(name, '<u4') for name in _WHOLE])
 
 # By kind; RViz needs an alpha.
 _COLOURS = {
@@ -49,13 +37,13 @@ def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
     Besides x, y, z and normal_x, normal_y, normal_z its fields are those of `MeasuredDent`, each
     estimate with ``..._uncertainty``; `kind` is an index into `KINDS`.
     """
-    values = np.zeros(len(entries), _POINT)
+    values = np.zeros(len(entries), DENT)
     for row, entry in zip(values, entries, strict=True):
         dent = entry.dent
         for name, vector in (('', dent.position), ('normal_', dent.normal), ('axis_', dent.axis)):
             for axis, value in zip('xyz', vector, strict=True):
                 row[f'{name}{axis}'] = value
-        for name in _ESTIMATES:
+        for name in ESTIMATES:
             estimate = getattr(dent, name)
             row[name], row[f'{name}_uncertainty'] = estimate.value, estimate.uncertainty
         for name in ('bottom_radius', 'clearance', 'significance'):
@@ -66,11 +54,11 @@ def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
     fields = [
         PointField(
             name=name,
-            offset=_POINT.fields[name][1],  # type: ignore[index]
-            datatype=PointField.UINT32 if name in _WHOLE else PointField.FLOAT32,
+            offset=DENT.fields[name][1],  # type: ignore[index]
+            datatype=PointField.FLOAT32 if DENT[name] == '<f4' else PointField.UINT32,
             count=1,
         )
-        for name in _POINT.names or ()
+        for name in DENT.names or ()
     ]
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
@@ -78,26 +66,11 @@ def dents_to_message(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str
         width=len(entries),
         fields=fields,
         is_bigendian=False,
-        point_step=_POINT.itemsize,
-        row_step=_POINT.itemsize * len(entries),
+        point_step=DENT.itemsize,
+        row_step=DENT.itemsize * len(entries),
         data=to_data(values) if len(entries) else to_data(np.zeros(0, np.uint8)),
         is_dense=True,
     )
-
-
-def dents_from_message(message: PointCloud2) -> NDArray:
-    """Structured array of a message that `dents_to_message` made, one element a dent.
-
-    Raises
-    ------
-    CloudError
-        It has other fields.
-    """
-    given = [(field.name, field.offset) for field in message.fields]
-    expected = [(name, _POINT.fields[name][1]) for name in _POINT.names or ()]  # type: ignore[index]
-    if given != expected or len(message.data) != message.width * _POINT.itemsize:
-        raise CloudError('the message holds no dents: give one of the topic dents')
-    return np.frombuffer(message.data, _POINT)
 
 
 def dents_to_markers(entries: Sequence[ListedDent], stamp_ns: int, frame_id: str) -> MarkerArray:

@@ -16,7 +16,7 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ftp_dent_ros.errors import FtpDentError
+from ftp_dent_ros.errors import FtpDentError, missing_package
 from ftp_dent_ros.ros.diagnostics import Diagnostics
 from ftp_dent_ros.supervision.processes import stop_event
 
@@ -66,6 +66,9 @@ def run(make_node: Callable[[], Node], name: str, threads: int = 1) -> int:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             ending.callback(rclpy.try_shutdown)
             node = make_node()
+        except ModuleNotFoundError as error:
+            print(f'{name}: {missing_package(error)}', file=sys.stderr)
+            return 2
         except Exception as error:
             # Of ours, or rclpy's: of arguments, of a QoS override or of the environment.
             known = isinstance(error, (FtpDentError, RuntimeError))

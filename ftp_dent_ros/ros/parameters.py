@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -28,40 +27,19 @@ class Parameters(Declarations):
     """
 
     def __init__(self, node: Node) -> None:
+        # rclpy has no public way to what was given.
+        given = node._parameter_overrides
+        super().__init__({name: each.value for name, each in given.items()})
         self._node = node
-        self._checks: dict[str, Callable[[Any], Any]] = {}
         self._listeners: list[Callable[[dict[str, Any]], None]] = []
-        self._read: list[str] = []
         node.add_on_set_parameters_callback(self._set)
 
-    def take(self, declaration: Declaration) -> Any:
-        """As `Declarations.take`."""
-        name, check = declaration.name, declaration.checked
-        flexible = ParameterDescriptor(dynamic_typing=True)
-        value = check(self._node.declare_parameter(name, declaration.default, flexible).value)
-        self._node.undeclare_parameter(name)
-        self._node.declare_parameter(name, value, _descriptor(declaration), ignore_override=True)
-        self._checks[name] = check
+    def declare(self, name: str, default: Any, description: str, **limits: Any) -> Any:
+        """As `Declarations.declare`, on the node too."""
+        value = super().declare(name, default, description, **limits)
+        descriptor = _descriptor(self.made[name])
+        self._node.declare_parameter(name, value, descriptor, ignore_override=True)
         return value
-
-    def path(self, name: str, default: str, description: str) -> str:
-        """As `Declarations.path`."""
-        return str(self.declare(name, default, description))
-
-    def file(
-        self, name: str, default: str, description: str, *, secret: bool = False
-    ) -> Path | None:
-        """As `Declarations.file`."""
-        value = self.declare(name, default, description)
-        if not value:
-            return None
-        try:
-            path = files.find(value).resolve()
-            what = '' if secret else f' (SHA-256 {files.content_id(path)}...)'
-        except ConfigurationError as error:
-            raise ConfigurationError(f'parameter {name}: {error}') from None
-        self._read.append(f'{name}: {path}{what}')
-        return path
 
     def close(self, of_all_nodes: Callable[[], Sequence[str]]) -> None:
         """End the declarations: refuse what was given and not declared, tell of the files.
@@ -79,15 +57,14 @@ class Parameters(Declarations):
         ConfigurationError
             No node declares a parameter that was given.
         """
-        declared = list(self._checks)
-        # rclpy has no public way to what was given and not declared.
-        others = unknown(self._node._parameter_overrides, declared)
-        for name in others:
+        declared = tuple(self.made)
+        for name in unknown(self._values, declared):
             if name not in of_all_nodes():
                 raise ConfigurationError(undeclared(name, declared))
             self._node.get_logger().warning(f'{undeclared(name, declared)} It is not used.')
-        for line in self._read:
-            self._node.get_logger().info(line)
+        for name, path in self.files.items():
+            told = f'{name}: {path} (SHA-256 {files.content_id(path)}...)'
+            self._node.get_logger().info(told)
 
     def __getitem__(self, name: str) -> Any:
         """Value of a declared parameter; lists are lists of floats."""
@@ -103,10 +80,10 @@ class Parameters(Declarations):
         self._listeners.append(listener)
 
     def _set(self, parameters: list[Parameter]) -> SetParametersResult:
-        values = {item.name: item.value for item in parameters if item.name in self._checks}
+        values = {item.name: item.value for item in parameters if item.name in self.made}
         try:
             for name, value in values.items():
-                self._checks[name](value)
+                self.made[name].checked(value)
             for listener in self._listeners if values else ():
                 listener(values)
         except InputError as reason:

@@ -33,6 +33,13 @@ class Photographer:
     node : rclpy.node.Node
     stop : threading.Event
         Ends all waiting.
+    colour : bool
+        Whether photographs are RGB; grey if not.
+
+    Attributes
+    ----------
+    delay_ns : int
+        From when an image is shown, as it is told, until it is seen.
 
     Raises
     ------
@@ -40,8 +47,8 @@ class Photographer:
         By every method: pattern_publisher or camera_capture does not answer.
     """
 
-    def __init__(self, node: Node, stop: threading.Event) -> None:
-        self._node, self._stop = node, stop
+    def __init__(self, node: Node, stop: threading.Event, colour: bool = False) -> None:
+        self._node, self._stop, self._colour = node, stop, colour
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._shown: deque[Image] = deque(maxlen=4)
@@ -100,8 +107,8 @@ class Photographer:
         """ROS time, nanoseconds."""
         return self._node.get_clock().now().nanoseconds
 
-    def photograph(self, after_ns: int, colour: bool = False) -> tuple[NDArray[np.uint8], int]:
-        """Photograph exposed after a time, grey or RGB, and the middle of its exposure, ns."""
+    def photograph(self, after_ns: int) -> tuple[NDArray[np.uint8], int]:
+        """Photograph exposed after a time, and the middle of its exposure, ns."""
         trouble = 'the photographs are older than what is projected: check the stamps'
         # A camera that runs by itself may deliver photographs from before the call, and one that
         # has just started may not be ready yet.
@@ -122,7 +129,7 @@ class Photographer:
                     image = image_from_message(self._taken[-1])
                 except ImageError as reason:
                     raise CameraError(f'the camera sends no photographs: {reason}') from None
-                return (image if colour else image[..., 1].copy()), stamp_ns
+                return (image if self._colour else image[..., 1].copy()), stamp_ns
             time.sleep(min(0.2, (after_ns - stamp_ns) / 1e9))
         raise CameraError(trouble)
 
@@ -167,7 +174,7 @@ class Photographer:
 
 
 def changed(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> bool:
-    """Whether the light in a photograph, shape (rows, columns), is another than in one before."""
+    """Whether the light in a photograph, grey or RGB, is another than in one before."""
     if before.shape != now.shape:
         return True
     # Means of 7x7 pixels: a camera's noise leaves a tenth of four grey levels in them.

@@ -52,9 +52,10 @@ def quality(reliable: bool, latched: bool, depth: int) -> QoSProfile:
 
 
 class AnySubscription:
-    """A subscription to images, reliable unless a publisher is best effort (REP 2003).
+    """A subscription as reliable and as latched as all publishers of its topic offer.
 
-    Best effort alone would hear both, and lose most of the large messages of reliable ones too.
+    One that asks for more does not hear all of them; best effort alone hears all, and loses most
+    of the large messages of reliable ones too.
 
     Parameters
     ----------
@@ -62,11 +63,14 @@ class AnySubscription:
     message_type : type
     topic : str
     callback : callable
+        Takes a message and rclpy's information on it.
+    depth : int
+        Messages that may wait.
+    **options
+        Of `rclpy.node.Node.create_subscription`.
 
     Attributes
     ----------
-    is_best_effort : bool
-        At the moment.
     lost : int
         Messages of a single publisher that did not come, by the holes in its count.
     """
@@ -76,44 +80,56 @@ class AnySubscription:
         node: Node,
         message_type: Any,
         topic: str,
-        callback: Callable[[Any], None],
+        callback: Callable[[Any, Any], None],
+        depth: int = IMAGES.depth,
+        **options: Any,
     ) -> None:
-        self._node, self._type, self._topic, self._callback = node, message_type, topic, callback
-        self.is_best_effort = False
+        self._node, self._callback, self._depth = node, callback, depth
+        self._given = message_type, topic, self._take
         self.lost = 0
         self._last = 0
+        self._offered = self._offers() or (True, False)
+        self._options = options
         self._subscription = node.create_subscription(
-            message_type,
-            topic,
-            self._take,  # type: ignore[arg-type]  # rclpy gives the message's information too
-            IMAGES,
-            # Who overrides it to best effort hears both anyway.
+            *self._given,  # type: ignore[arg-type]  # rclpy gives the message's information too
+            quality(*self._offered, depth),
+            # Who overrides it to best effort hears all anyway.
             qos_overriding_options=OVERRIDABLE,
+            **options,
         )
         node.create_timer(0.5, self._follow, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    @property
+    def is_best_effort(self) -> bool:
+        """At the moment."""
+        return not self._offered[0]
+
     def _take(self, message: Any, info: Any) -> None:
         number = info['publication_sequence_number'] or 0
-        if 0 < self._last < number and self._node.count_publishers(self._topic) == 1:
-            self.lost += number - self._last - 1
+        missed = number - self._last - 1
+        if self._last and missed > 0 and self._node.count_publishers(self._given[1]) == 1:
+            self.lost += missed
         self._last = number
-        self._callback(message)
+        self._callback(message, info)
+
+    def _offers(self) -> tuple[bool, bool] | None:
+        """Whether all publishers are reliable, and whether all are latched; None without any."""
+        name = self._node.resolve_topic_name(self._given[1])
+        offers = [each.qos_profile for each in self._node.get_publishers_info_by_topic(name)]
+        reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in offers)
+        latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
+        return (reliable, latched) if offers else None
 
     def _follow(self) -> None:
-        name = self._subscription.topic_name
-        offers = [each.qos_profile for each in self._node.get_publishers_info_by_topic(name)]
-        best_effort = any(qos.reliability == ReliabilityPolicy.BEST_EFFORT for qos in offers)
-        if not offers or best_effort == self.is_best_effort:
+        offered = self._offers()
+        if offered is None or offered == self._offered:
             return
-        self.is_best_effort = best_effort
+        self._offered, self._last = offered, 0
         self._node.destroy_subscription(self._subscription)
-        policy = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
-        self._last = 0
         self._subscription = self._node.create_subscription(
-            self._type,
-            self._topic,
-            self._take,  # type: ignore[arg-type]
-            QoSProfile(depth=IMAGES.depth, reliability=policy),
+            *self._given,  # type: ignore[arg-type]
+            quality(*offered, self._depth),
+            **self._options,
         )
-        how = 'with best effort, and may lose messages' if best_effort else 'reliably again'
-        self._node.get_logger().info(f'{name} is heard {how}')
+        how = 'reliably again' if offered[0] else 'with best effort, and may lose messages'
+        self._node.get_logger().info(f'{self._subscription.topic_name} is heard {how}')

@@ -102,29 +102,20 @@ def refuse_second(names: Collection[str]) -> None:
     Raises
     ------
     ConfigurationError
-        One of them lives.
+        One of them lives, as far as that shows within a few seconds.
     """
-    for name in sorted(alive(names)):
-        raise ConfigurationError(
-            f'a node of the name {name} runs already in this domain: end it, or take another '
-            'namespace or ROS_DOMAIN_ID'
-        )
-
-
-def alive(names: Collection[str]) -> set[str]:
-    """Those of the names whose nodes live, as far as that shows within a few seconds."""
     wanted, heard = set(names), set[str]()
     with session('presence') as (node, stop):
 
         def listen(message: DiagnosticArray) -> None:
-            heard.update(status.name for status in message.status)
+            heard.update(wanted & {status.name for status in message.status})
 
         node.create_subscription(DiagnosticArray, '/diagnostics', listen, DIAGNOSTICS)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         start = time.monotonic()
         longest = 2.0  # in which participants on one network find each other
-        while not (stop.is_set() or heard & wanted) and time.monotonic() < start + longest:
+        while not (stop.is_set() or heard) and time.monotonic() < start + longest:
             executor.spin_once(timeout_sec=0.1)
             found = node.get_node_names_and_namespaces()
             if wanted & {f'{namespace}/{name}'.strip('/') for name, namespace in found}:
@@ -133,4 +124,8 @@ def alive(names: Collection[str]) -> set[str]:
         executor.shutdown()
         if stop.is_set():
             raise KeyboardInterrupt
-    return heard & wanted
+    if heard:
+        raise ConfigurationError(
+            f'a node of the name {min(heard)} runs already in this domain: end it, or take '
+            'another namespace or ROS_DOMAIN_ID'
+        )

@@ -31,18 +31,28 @@ class Program:
 
 
 @dataclass(frozen=True)
-class EndedProgram:
-    """A process that ended by itself; a negative status is the signal that killed it."""
+class RunningProgram:
+    """A process of a program, that runs or has ended."""
 
     program: Program
-    status: int
-    seconds: float
+    process: subprocess.Popen[str]
+    reader: threading.Thread
+    since: float
+
+    def close(self) -> None:
+        """Let go of an ended one's output."""
+        # The last lines are worth a moment; a grandchild that keeps the pipe open is not.
+        self.reader.join(5.0)
+        if self.process.stdout is not None and not self.reader.is_alive():
+            self.process.stdout.close()
 
     def __str__(self) -> str:
-        if self.status < 0:
+        """How it has ended: a negative status is the signal that killed it."""
+        status = self.process.returncode
+        if status < 0:
             names = {each.value: each.name for each in signal.Signals}
-            return f'{self.program.name} was killed by {names.get(-self.status, -self.status)}'
-        return f'{self.program.name} ended with status {self.status}'
+            return f'{self.program.name} was killed by {names.get(-status, -status)}'
+        return f'{self.program.name} ended with status {status}'
 
 
 class Processes(AbstractContextManager['Processes']):
@@ -66,7 +76,7 @@ class Processes(AbstractContextManager['Processes']):
     ) -> None:
         self._show = show
         self._environment = {'PYTHONUNBUFFERED': '1', **(environment or {})}
-        self._running: dict[str, _Running] = {}
+        self._running: dict[str, RunningProgram] = {}
         self._one_ended = threading.Event()
 
     @property
@@ -91,22 +101,18 @@ class Processes(AbstractContextManager['Processes']):
         reader = threading.Thread(
             target=self._read, args=(program, process), name=f'log of {program.name}', daemon=True
         )
-        self._running[program.name] = _Running(program, process, reader, time.monotonic())
+        self._running[program.name] = RunningProgram(program, process, reader, time.monotonic())
         reader.start()
 
-    def ended(self, timeout: float = 0.0) -> list[EndedProgram]:
+    def ended(self, timeout: float = 0.0) -> list[RunningProgram]:
         """Programs that ended by themselves since the last call, waiting for one if need be."""
         self._one_ended.wait(timeout)
         self._one_ended.clear()
-        reports = []
-        for name, running in list(self._running.items()):
-            status = running.process.poll()
-            if status is not None:
-                seconds = time.monotonic() - running.since
-                running.close()
-                del self._running[name]
-                reports.append(EndedProgram(running.program, status, seconds))
-        return reports
+        ended = [each for each in self._running.values() if each.process.poll() is not None]
+        for each in ended:
+            each.close()
+            del self._running[each.program.name]
+        return ended
 
     def stop(self, *names: str, patience: float = 5.0) -> dict[str, int]:
         """Stop some programs, or all: SIGTERM, again SIGTERM, then SIGKILL.
@@ -150,20 +156,6 @@ class Processes(AbstractContextManager['Processes']):
                     self._show(program.name, line.rstrip('\n'))
         process.wait()
         self._one_ended.set()
-
-
-@dataclass(frozen=True)
-class _Running:
-    program: Program
-    process: subprocess.Popen[str]
-    reader: threading.Thread
-    since: float
-
-    def close(self) -> None:
-        # The last lines are worth a moment; a grandchild that keeps the pipe open is not.
-        self.reader.join(5.0)
-        if self.process.stdout is not None and not self.reader.is_alive():
-            self.process.stdout.close()
 
 
 def respawn_delay(
@@ -226,7 +218,8 @@ def keep_running(
             processes.start(program)
         for end in processes.ended(timeout=0.2):
             before = delays.get(end.program, 0.0)
-            delay = respawn_delay(end.status, end.seconds, before, first_delay)
+            seconds = time.monotonic() - end.since
+            delay = respawn_delay(end.process.returncode, seconds, before, first_delay)
             say(f'{end}: {verdict(delay)}')
             if delay is None:
                 status = WRONG_PARAMETERS
@@ -254,17 +247,14 @@ class ProcessLog(AbstractContextManager['ProcessLog']):
     folder : Path, optional
         Where each program's lines are also written, as NAME.log.
     terminal : text file, optional
-        Standard output by default; the names are coloured where it is a terminal.
+        Standard output by default.
     """
 
     def __init__(
         self, names: Sequence[str], folder: Path | None = None, terminal: TextIO | None = None
     ) -> None:
         self._terminal = terminal or sys.stdout
-        self.coloured = self._terminal.isatty()
         self._width = max(map(len, (*names, 'up')))
-        colours = (36, 32, 33, 35, 34, 96, 92, 93)
-        self._colour = {name: colours[i % len(colours)] for i, name in enumerate(names)}
         self._lock = threading.Lock()
         self._files: dict[str, TextIO] = {}
         if folder is not None:
@@ -280,14 +270,11 @@ class ProcessLog(AbstractContextManager['ProcessLog']):
 
     def show(self, name: str, line: str) -> None:
         """Print one line of a program."""
-        label = f'{name:>{self._width}} |'
-        if self.coloured:
-            label = f'\033[{self._colour.get(name, 1)}m{label}\033[0m'
         with self._lock:
             if name in self._files:
                 print(line, file=self._files[name], flush=True)
             try:
-                print(label, line, file=self._terminal, flush=True)
+                print(f'{name:>{self._width}} | {line}', file=self._terminal, flush=True)
             except OSError:
                 # Whoever read it has gone; the programs go on, and so do the files.
                 with open(os.devnull, 'w') as nowhere:

@@ -164,9 +164,8 @@ def free_domain() -> Iterator[int]:
     """Put this process and those that it starts into a graph of their own, on the loopback.
 
     Nothing of it is seen on a network. Its ports are not those of ROS, so that whoever takes the
-    same domain, now or later, does not meet it; the kernel holds the domain's number for us, for
-    all users and folders of this machine; and a domain whose ports are still in use, by what a
-    killed run has left, is not taken.
+    same domain, now or later, does not meet it; and the kernel holds the domain's number for us,
+    for all users and folders of this machine.
 
     Yields
     ------
@@ -185,8 +184,6 @@ def free_domain() -> Iterator[int]:
         except OSError:
             continue
         with lock:
-            if _is_used(domain):
-                continue
             base = {'ROS_DOMAIN_ID': str(domain), RANGE: 'LOCALHOST'}
             # A user's own profile would let others in.
             with (
@@ -198,14 +195,3 @@ def free_domain() -> Iterator[int]:
     raise ConfigurationError(
         'all ROS domains from 1 to 100 are taken by other runs on this machine: end some of them'
     )
-
-
-def _is_used(domain: int) -> bool:
-    """Whether some process, of any user, has one of the domain's ports."""
-    first = PORT_BASE + 250 * domain
-    for table in ('/proc/net/udp', '/proc/net/udp6'):
-        path = Path(table)
-        for line in path.read_text().splitlines()[1:] if path.exists() else ():
-            if first <= int(line.split()[1].rpartition(':')[2], 16) < first + 125:
-                return True
-    return False

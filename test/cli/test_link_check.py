@@ -55,18 +55,13 @@ def refused(port: int, seconds: str, verdict: str, capsys: pytest.CaptureFixture
     assert 'pose         none: ' in out
 
 
-def test_an_estimator_that_is_not_ready_is_no_go(port, wire, capsys) -> None:
-    with HoveringAutopilot(wire, estimator_flags=0x0A7) as autopilot:
-        refused(port, '1.5', "the autopilot's estimator was not ready", capsys)
-    beats = {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.heard('HEARTBEAT')}
-    assert beats == {(1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)}
-
-
 def test_a_vehicle_without_gps_is_no_go_unless_that_is_said(port, wire, capsys) -> None:
     with HoveringAutopilot(wire) as autopilot:
         autopilot.fix_type = 1
         refused(port, '2', 'GPS has no fix', capsys)
         assert main(['link-check', f'udpin:{port}', '--position-source', 'other']) == 0
+    beats = {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.heard('HEARTBEAT')}
+    assert beats == {(1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)}
 
 
 def test_nobody_on_the_link_is_no_go(port, capsys) -> None:

@@ -1,3 +1,4 @@
+import io
 import sys
 import time
 
@@ -97,32 +98,14 @@ def test_a_wrong_configuration_is_one_line(tmp_path, capsys, text, words):
     assert words in line
 
 
-class Terminal:
-    def __init__(self, is_one):
-        self.text, self.isatty = '', lambda: is_one
-
-    def write(self, text):
-        self.text += text
-
-    def flush(self):
-        pass
-
-
 def test_log_names_each_line_and_its_files_have_the_lines_alone(tmp_path):
-    terminal = Terminal(is_one=False)
+    terminal = io.StringIO()
     with ProcessLog(['reconstruction', 'a/b'], tmp_path / 'log', terminal) as log:
         log.show('a/b', 'text')
         log.say('hello')
-    assert terminal.text == '           a/b | text\n            up | hello\n'
+    assert terminal.getvalue() == '           a/b | text\n            up | hello\n'
     assert (tmp_path / 'log' / 'a.b.log').read_text() == 'text\n'
     assert (tmp_path / 'log' / 'reconstruction.log').read_text() == ''
-
-
-def test_log_is_coloured_on_a_terminal_only():
-    terminal = Terminal(is_one=True)
-    with ProcessLog(['a'], terminal=terminal) as log:
-        log.show('a', 'text')
-    assert terminal.text == '\033[36m a |\033[0m text\n'
 
 
 def test_log_folder_that_cannot_be_made(tmp_path):

@@ -13,7 +13,6 @@ from skins import skin
 from ftp_dent_ros.coding.cloud_codec import encode
 from ftp_dent_ros.coding.messages import cloud_from_message
 from ftp_dent_ros.errors import CodecError
-from ftp_dent_ros.ground.commands import Answer
 from ftp_dent_ros.ground.page.server import PageServer, encode_message
 from ftp_dent_ros.ground.protocol import Importance, Item
 from ftp_dent_ros.recording.topic import typestore
@@ -43,7 +42,7 @@ def text_item(text):
 
 def test_a_browser_gets_messages_with_their_types(tmp_path, view):
     browser = Chromium(tmp_path)
-    server = PageServer('127.0.0.1:0', dict, lambda name: Answer(True, name))
+    server = PageServer('127.0.0.1:0', None)
     try:
         cloud = Item(Importance.CLOUDS, 'points', 'cloud', 7, encode(skin(view), view))
         items = [text_item('x' * 90), cloud]

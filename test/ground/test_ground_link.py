@@ -4,7 +4,6 @@ import itertools
 import json
 import random
 import shutil
-import threading
 import time
 
 import pytest
@@ -212,15 +211,6 @@ def test_noise_and_replays_from_one_who_is_in(address):
     assert len(got) == 2 and station.refused >= 1
     for end in (rogue, station, drone):
         end.close()
-
-
-def test_the_payload_does_not_wait_for_a_link_that_is_dead(address, tmp_path):
-    drone = drone_at(address, folder=tmp_path)
-    for stamp in range(50):
-        drone.put(cloud(stamp))
-    assert int(drone.state()['waiting: clouds']) == 50 and threading.active_count() < 50
-    drone.close()
-    assert len(list(tmp_path.iterdir())) == 50
 
 
 def test_the_link_is_told_as_it_comes_and_goes(address):

@@ -18,12 +18,12 @@ from free_address import free_address
 from rosbags.interfaces import Nodetype
 
 from ftp_dent_ros.coding.cloud_codec import encode
+from ftp_dent_ros.coding.messages import DENT
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import GroundLink, Security
-from ftp_dent_ros.ground.page import serve_page
 from ftp_dent_ros.ground.page.scene import PageScene
 from ftp_dent_ros.ground.page.server import PageServer
 from ftp_dent_ros.ground.protocol import Importance, Item
@@ -78,25 +78,19 @@ def pose_item(topic):
 
 def dents_item():
     """One dent of 40 x 30 x 1.5 mm in the middle of the view, 0.8 m ahead."""
-    values = {'x': 1.0, 'y': 2.0, 'z': 3.8, 'normal_x': 0, 'normal_y': 0, 'normal_z': -1}
-    values |= {'axis_x': 1, 'axis_y': 0, 'axis_z': 0, 'length': 0.04, 'width': 0.03}
-    values |= {'depth': 1.5e-3, 'length_uncertainty': 1e-3, 'width_uncertainty': 1e-3}
-    values |= {'depth_uncertainty': 2e-5}
-    whole = {'number': 7, 'kind': 0, 'sightings': 3}
-    row = np.dtype([(name, '<f4') for name in values] + [(name, '<u4') for name in whole])
-    data = np.array([tuple({**values, **whole}.values())], row)
+    dent = np.zeros(1, DENT)
+    values = {'x': 1.0, 'y': 2.0, 'z': 3.8, 'normal_z': -1, 'axis_x': 1, 'number': 7}
+    values |= {'length': 0.04, 'width': 0.03, 'depth': 1.5e-3, 'sightings': 3}
+    values |= {'length_uncertainty': 1e-3, 'width_uncertainty': 1e-3, 'depth_uncertainty': 2e-5}
+    for name, value in values.items():
+        dent[name] = value
+    kind = 'sensor_msgs/msg/PointField'
     fields = [
-        message(
-            'sensor_msgs/msg/PointField',
-            name=name,
-            offset=4 * i,
-            datatype=6 if name in whole else 7,
-            count=1,
-        )
-        for i, name in enumerate(row.names)
+        message(kind, name=name, offset=DENT.fields[name][1], datatype=7, count=1)
+        for name in DENT.names
     ]
     given = {'header': header(), 'height': 1, 'width': 1, 'fields': fields}
-    given |= {'point_step': row.itemsize, 'data': np.frombuffer(data.tobytes(), np.uint8)}
+    given |= {'point_step': DENT.itemsize, 'data': dent.view(np.uint8)}
     return coded('dents/list', 'sensor_msgs/msg/PointCloud2', **given)
 
 
@@ -201,16 +195,23 @@ def test_the_scene_refuses_what_is_no_item(items):
     assert scene.version == 0 and scene.state()['dents'] == []
 
 
-@pytest.fixture
-def served():
-    done = []
+class Works:
+    """A station that keeps the commands that it is given."""
 
-    def command(name):
-        done.append(name)
+    def __init__(self):
+        self.done = []
+        self.rate, self.summary = lambda: 125.0, lambda: (0, 'works')
+
+    def command(self, name):
+        self.done.append(name)
         return Answer(True, name)
 
-    server = PageServer('127.0.0.1:0', lambda: {'level': 0, 'text': 'works', 'rate': 1}, command)
-    yield urlsplit(server.url), done
+
+@pytest.fixture
+def served():
+    station = Works()
+    server = PageServer('127.0.0.1:0', station)
+    yield urlsplit(server.url), station.done
     server.close()
 
 
@@ -264,7 +265,7 @@ def test_the_body_of_a_refused_request_is_no_request(served):
 
 def test_every_page_asks_for_its_own_key(served):
     url, _ = served
-    other = PageServer('0.0.0.0:0', dict, lambda name: Answer(True, ''))
+    other = PageServer('0.0.0.0:0', Works())
     try:
         beyond = urlsplit(other.url)
         here = beyond._replace(netloc=f'127.0.0.1:{beyond.port}')
@@ -280,7 +281,7 @@ def test_every_page_asks_for_its_own_key(served):
     finally:
         other.close()
     with pytest.raises(ConfigurationError, match='cannot be served'):
-        PageServer('nowhere', dict, lambda name: Answer(True, ''))
+        PageServer('nowhere', Works())
 
 
 def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
@@ -299,7 +300,7 @@ def test_the_page_shows_what_comes_and_its_buttons_command(items, tmp_path):
     station = Station(
         GroundLink('ground', address, Security()), lambda item: pages[0].take(item), 'browser'
     )
-    pages.append(serve_page('127.0.0.1:0', station))
+    pages.append(PageServer('127.0.0.1:0', station))
     try:
         browser.open(pages[0].url)
         for item in items:

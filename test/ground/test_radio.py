@@ -1,50 +1,15 @@
-"""The simulated radio, and the link over it between two network namespaces."""
+"""The link over a simulated radio between two network namespaces."""
 
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from simulated_radio import Conditions, RadioPath, joined_sites
+from simulated_radio import Conditions, joined_sites
 
 from ftp_dent_ros.errors import ConfigurationError
 
 END = str(Path(__file__).with_name('end_of_link.py'))
-
-
-def carried(conditions, packets=20_000, interval=0.001, size=100):
-    """(number, delay) of the packets that come out, in their order."""
-    way = RadioPath(3)
-    way.conditions = conditions
-    out, now = [], 0.0
-    for number in range(packets):
-        now = number * interval
-        way.put(number.to_bytes(4, 'big') + bytes(size - 4), now)
-        out += [(packet, now) for packet in way.due(now)]
-    while way.next_due < float('inf'):
-        now = way.next_due
-        out += [(packet, now) for packet in way.due(now)]
-    numbers = [int.from_bytes(packet[:4], 'big') for packet, _ in out]
-    return numbers, np.array(
-        [when - n * interval for n, (_, when) in zip(numbers, out, strict=True)]
-    )
-
-
-@pytest.mark.parametrize('share, burst', [(0.01, 1), (0.05, 2), (0.02, 5)])
-def test_losses_are_as_many_and_as_long_as_asked(share, burst):
-    numbers, _ = carried(Conditions(loss=share, burst=burst))
-    lost = sorted(set(range(20_000)) - set(numbers))
-    assert len(lost) / 20_000 == pytest.approx(share, rel=0.35)
-    runs = 1 + np.count_nonzero(np.diff(lost) > 1)
-    assert len(lost) / runs == pytest.approx(burst, rel=0.3)
-
-
-def test_the_rate_is_kept_and_a_full_buffer_loses():
-    # 800 kbit/s into 400 kbit/s.
-    numbers, delays = carried(Conditions(rate=400e3, buffer=0.2))
-    assert len(numbers) == pytest.approx(10_000, rel=0.02)
-    assert delays.max() <= 0.203
 
 
 @pytest.fixture

@@ -67,14 +67,14 @@ def parts(stamp_ns=7, seed=1):
 
 @pytest.fixture
 def recorded(tmp_path):
-    def record(*contents, types=TYPES):
+    def record(*contents):
         """A bag of (topic, data) in the order of their arrival, a second apart."""
         folder = tmp_path / f'flight{len(list(tmp_path.iterdir()))}'
         with BagWriter(folder) as writer:
             for number, (name, data) in enumerate(contents):
-                writer.add_topic(topic(name, types[name]))
+                writer.add_topic(topic(name, TYPES[name]))
                 time_ns = (100 + number) * SECOND
-                writer.write([Message(name, types[name], time_ns, time_ns, data)])
+                writer.write([Message(name, TYPES[name], time_ns, time_ns, data)])
         return open_bag(folder)
 
     return record
@@ -84,8 +84,8 @@ def test_the_same_cloud_five_times_is_one(recorded):
     skipped = []
     clouds = list(bag_clouds(recorded(*(5 * list(parts().items()))), skipped.append))
     assert [item.stamp_ns for item in clouds] == [7]
-    assert {(each.topic, each.reason) for each in skipped} == {
-        (name, 'is there a second time') for name in ('/tagged/points', '/tagged/pose')
+    assert set(skipped) == {
+        f'{name} at 0.000 s: is there a second time' for name in ('/tagged/points', '/tagged/pose')
     }
 
 
@@ -158,8 +158,8 @@ def test_a_message_that_cannot_be_used_costs_its_cloud_alone(recorded, spoilt, d
     assert [item.stamp_ns for item in found] == [7, 9]
     assert [item.photograph is None for item in found] == [False, True]
     photograph, cloud_or_pose, _ = skipped
-    assert str(photograph).startswith('/camera/image_raw at 100.000 s: ')
-    assert cloud_or_pose.topic == spoilt and said in str(cloud_or_pose)
+    assert photograph.startswith('/camera/image_raw at 100.000 s: ')
+    assert cloud_or_pose.startswith(spoilt) and said in cloud_or_pose
 
 
 def test_the_report_names_what_it_had_to_leave_out(recorded):

@@ -8,7 +8,7 @@ from rosbags.rosbag2 import Reader
 
 from ftp_dent_ros.cli.recover import recover
 from ftp_dent_ros.errors import BagError
-from ftp_dent_ros.recording.reader import open_bag, read_messages
+from ftp_dent_ros.recording.reader import open_bag
 
 MESSAGES = sample_messages(14)
 
@@ -40,7 +40,7 @@ def test_a_file_cut_at_any_byte_gives_back_every_whole_chunk(tmp_path, bag):
         path = tmp_path / 'cut.mcap'
         path.write_bytes(data[:cut])
         recovery = recover(path, tmp_path / f'new{number}')
-        saved = list(read_messages(tmp_path / f'new{number}'))
+        saved = list(open_bag(tmp_path / f'new{number}').messages())
         assert saved == MESSAGES[: 3 * len([end for end in ends if end <= cut])], cut
         assert recovery.damaged == 0
 
@@ -55,7 +55,7 @@ def test_the_new_bag_is_whole_and_the_old_one_untouched(tmp_path, bag):
     names = sorted(path.name for path in (tmp_path / 'new').iterdir())
     assert names == ['metadata.yaml', 'new_0.mcap']
     # Types, hashes and quality of service too.
-    assert open_bag(tmp_path / 'new').metadata.topics == open_bag(bag).metadata.topics[:2]
+    assert open_bag(tmp_path / 'new').topics == open_bag(bag).topics[:2]
     with Reader(tmp_path / 'new') as reader:
         assert reader.message_count == 12
 
@@ -65,7 +65,7 @@ def test_garbage_at_the_end_is_cut(tmp_path, bag, garbage):
     data = (bag / 'bag_0.mcap').read_bytes()
     old = killed(tmp_path / 'old', data[: chunk_ends(data)[-1]] + garbage)
     recovery = recover(old, tmp_path / 'new')
-    assert list(read_messages(tmp_path / 'new')) == MESSAGES
+    assert list(open_bag(tmp_path / 'new').messages()) == MESSAGES
     assert recovery.cut == {'old_0.mcap': len(garbage)}
 
 
@@ -76,7 +76,7 @@ def test_a_chunk_with_a_wrong_checksum_is_left_out_and_counted(tmp_path, bag):
     path.write_bytes(data)
     recovery = recover(bag, tmp_path / 'new')
     assert recovery.damaged == 1
-    assert list(read_messages(tmp_path / 'new')) == [*MESSAGES[:6], *MESSAGES[9:]]
+    assert list(open_bag(tmp_path / 'new').messages()) == [*MESSAGES[:6], *MESSAGES[9:]]
 
 
 def test_a_bag_of_several_files_becomes_one(tmp_path):
@@ -90,7 +90,7 @@ def test_a_bag_of_several_files_becomes_one(tmp_path):
     # The recorder was killed as it began the next one.
     (tmp_path / 'bag' / f'bag_{count}.mcap').write_bytes(b'')
     recover(tmp_path / 'bag', tmp_path / 'new')
-    assert list(read_messages(tmp_path / 'new')) == messages
+    assert list(open_bag(tmp_path / 'new').messages()) == messages
 
 
 @pytest.mark.parametrize('content', [b'', b'SQLite format 3\0'])

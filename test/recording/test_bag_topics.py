@@ -5,10 +5,11 @@ from bag_samples import POSE, pose_data
 from ftp_dent_ros.errors import BagError, ConfigurationError
 from ftp_dent_ros.recording.topic import (
     Qos,
+    RecordedTopic,
     absolute_names,
     deserialise,
-    find_definition,
     is_hidden,
+    known_topic,
     qos_from,
     qos_to_list,
 )
@@ -33,24 +34,12 @@ def test_qos_that_cannot_be_read_offers_nothing(text):
     assert qos_from(text) == ()
 
 
-def test_unknown_definition_is_looked_up_in_the_sourced_workspaces(tmp_path, monkeypatch):
-    folder = tmp_path / 'share' / 'wing_msgs' / 'msg'
-    folder.mkdir(parents=True)
-    (folder / 'Rib.msg').write_text(
-        '# one rib\nstd_msgs/Header header\nNut[] nuts\nuint8 SMALL=1\n'
-    )
-    (folder / 'Nut.msg').write_text('float64 torque\nstring<=8 label "x"\n')
-    assert find_definition('wing_msgs/msg/Rib') == ''
-
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
-    definition = find_definition('wing_msgs/msg/Rib')
-    names = {line for line in definition.splitlines() if line.startswith('MSG: ')}
-    assert names >= {'MSG: std_msgs/Header', 'MSG: wing_msgs/Nut'}
-    assert find_definition('wing_msgs/msg/Rib', 'RIHS01_of another') == ''
-
-    data = bytes.fromhex('00010000 07000000 09000000 04000000') + b'rib\0' + bytes(4)
-    rib = deserialise(data, 'wing_msgs/msg/Rib', definition)
-    assert (rib.header.stamp.sec, rib.header.frame_id, list(rib.nuts)) == (7, 'rib', [])
+def test_a_definition_of_another_version_is_none():
+    topic = known_topic('/words', 'std_msgs/msg/String')
+    assert topic.definition.startswith('string data')
+    assert known_topic('/words', topic.type, announced=topic.type_hash) == topic
+    assert known_topic('/words', topic.type, announced='RIHS01_of another').definition == ''
+    assert known_topic('/ribs', 'wing_msgs/msg/Rib') == RecordedTopic('/ribs', 'wing_msgs/msg/Rib')
 
 
 def test_deserialise_refuses_what_it_cannot_read():

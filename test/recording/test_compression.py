@@ -78,11 +78,11 @@ def test_names_types_and_contents_come_back(tmp_path, view):
             ('/text', TEXT, made(TEXT, data='as it is')),
         ],
     )
-    types = {topic.name: topic.type for topic in bag.metadata.topics}
+    types = {topic.name: topic.type for topic in bag.topics}
     assert types['/points'] == CLOUD and types['/camera/image_raw'] == IMAGE
     assert types['/text'] == TEXT and len(types) == 9
-    assert bag.metadata.message_counts == dict.fromkeys(types, 1)
-    assert all(topic.offered_qos[0].reliability == 'best_effort' for topic in bag.metadata.topics)
+    assert bag.message_counts == dict.fromkeys(types, 1)
+    assert all(topic.offered_qos[0].reliability == 'best_effort' for topic in bag.topics)
     got = {message.topic: bag.deserialise(message) for message in bag.messages()}
     for name, frame in (('/points', 'camera'), ('/tagged/points', 'map')):
         back = cloud_from_message(got[name])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from dent_samples import make_dent
 
+from ftp_dent_ros.coding.messages import dents_from_message
 from ftp_dent_ros.demonstration.appraisal import false_in_list
 from ftp_dent_ros.dents.sightings import Sighting, listed
-from ftp_dent_ros.ros.dent_messages import dents_from_message, dents_to_message
+from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.simulation.truth import TrueDent
 
 NORMAL, AXIS = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import signal
 import socket
 import time
@@ -22,7 +21,6 @@ from std_srvs.srv import Trigger
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.files import find
-from ftp_dent_ros.nodes.mavlink_bridge import TransformPublisher, transform_message
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.ros.messages import (
@@ -34,6 +32,7 @@ from ftp_dent_ros.ros.messages import (
 )
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, POSES
 
+CAMERA = 'camera_optical_frame'
 # Hovering with the nose north 3 m north, 2 m east and 1 m above the origin.
 BASE = [2.0, 3.0, 1.0]
 
@@ -355,26 +354,15 @@ def test_the_ground_station_takes_photographs_where_that_is_enabled(ros, port, a
     assert [each.capture_result for each in said('CAMERA_IMAGE_CAPTURED')] == [1, 1, 0]
 
 
-def test_transforms_are_published_where_tf_is_installed(ros) -> None:
-    pose = Pose.from_rpy([0.1, -0.2, 0.3], [1.0, 2.0, 3.0])
-    message = transform_message(pose, 'map', 'base_link', 1_700_000_000_123_456_789)
-    assert (message.header.frame_id, message.child_frame_id) == ('map', 'base_link')
-    assert stamp_to_ns(message.header.stamp) == 1_700_000_000_123_456_789
-    translation, rotation = message.transform.translation, message.transform.rotation
-    assert_allclose([translation.x, translation.y, translation.z], [1.0, 2.0, 3.0])
-    given = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-    assert_allclose(given * np.sign(given @ pose.quaternion), pose.quaternion)
-
-    publisher = TransformPublisher(ros.node)
-    publisher.publish(pose, 'base_link', 'camera_optical_frame', 1, static=True)
-    publisher.publish(pose, 'map', 'base_link', 2)
-    if importlib.util.find_spec('tf2_msgs') is None:
-        assert not ros.node.get_publishers_info_by_topic('/tf')
-        pytest.skip('tf2_msgs is not installed: that /tf is published is not tested')
-    from tf2_msgs.msg import TFMessage
-
-    moving, fixed = ros.collect(TFMessage, '/tf'), ros.collect(TFMessage, '/tf_static', LATCHED)
-    ros.until(lambda: fixed)
-    ros.until(lambda: publisher.publish(pose, 'map', 'base_link', 2) or moving)
-    assert moving[0].transforms[0].child_frame_id == 'base_link'
-    assert fixed[0].transforms[0].child_frame_id == 'camera_optical_frame'
+def test_transforms_are_published_where_tf_is_installed(ros, port, autopilot) -> None:
+    tf2_msgs = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed: no /tf')
+    moving = ros.collect(tf2_msgs.TFMessage, '/tf')
+    fixed = ros.collect(tf2_msgs.TFMessage, '/tf_static', LATCHED)
+    Bridge(ros, port)
+    ros.until(lambda: fixed and moving)
+    for messages, frames in ((moving, ('map', 'base_link')), (fixed, ('base_link', CAMERA))):
+        (transform,) = messages[0].transforms
+        assert (transform.header.frame_id, transform.child_frame_id) == frames
+    at, turn = transform.transform.translation, transform.transform.rotation
+    mount = Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [at.x, at.y, at.z])
+    assert_allclose(mount.apply([0.2, 0.3, 1.0]), [1.1, -0.2, -0.3], atol=1e-9)

@@ -9,7 +9,6 @@ from rclpy.parameter import Parameter
 
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.nodes.camera_capture import CameraCapture
-from ftp_dent_ros.nodes.mavlink_bridge import MavlinkBridge
 from ftp_dent_ros.nodes.pattern_publisher import PatternPublisher
 from ftp_dent_ros.nodes.reconstruction import Reconstruction
 from ftp_dent_ros.pattern.file import write_pattern
@@ -40,20 +39,10 @@ def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file):
 
 
 def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
-    started = {
-        'pattern_publisher: the size of the pattern is not known: set ': ros.start(
-            'pattern_publisher'
-        ),
-        "camera_capture: parameter source is 'webcam': give ": ros.start(
-            'camera_capture', source='webcam'
-        ),
-        'reconstruction: parameter stride is 0: give a whole number from 1 to': ros.start(
-            'reconstruction', rig=rig_file, stride=0
-        ),
-    }
+    wrong = ros.start('reconstruction', rig=rig_file, stride=0)
     unparsed = ros.start('mavlink_bridge', '-p', 'rate')
-    for sentence, process in started.items():
-        assert process.told(sentence), process.output
+    sentence = 'reconstruction: parameter stride is 0: give a whole number from 1 to'
+    assert wrong.told(sentence), wrong.output
     # ROS itself has a line on what it cannot parse.
     assert unparsed.wait() == 2
     assert 'Traceback' not in unparsed.output and 'mavlink_bridge: ' in unparsed.output
@@ -63,21 +52,17 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
     ('node', 'parameters', 'sentence'),
     [
         (PatternPublisher, {'rig': 'RIG'}, 'set the parameter pattern or period_px'),
-        (PatternPublisher, {'rig': 'RIG', 'period_px': 200}, 'period_px is 200.0: give 3 to 80'),
         (
             PatternPublisher,
             {'rig': 'RIG', 'pattern': 'PATTERN'},
             'the pattern is 160x100, the projector 320x200',
         ),
+        (PatternPublisher, {}, 'the size of the pattern is not known: set'),
         (Reconstruction, {'rig': 'BROKEN'}, 'camera.distortion_model'),
-        (Reconstruction, {'tau': 'slow'}, "parameter tau is 'slow'"),
         (CameraCapture, {'source': 'files'}, 'no image files are named'),
         (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
         (CameraCapture, {'device.width': 0}, 'set rig, or device.width and device.height'),
         (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
-        (CameraCapture, {'rig': 'RIG', 'device.stamps': 'middle'}, 'give one of auto, start, end'),
-        (MavlinkBridge, {'address': 'udp:14550'}, 'udpin:HOST:PORT'),
-        (MavlinkBridge, {'rate': 5000.0}, 'from 10 to 200'),
     ],
 )
 def test_what_is_wrong_with_a_parameter_is_said(

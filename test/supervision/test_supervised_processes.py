@@ -1,6 +1,4 @@
-import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -34,60 +32,40 @@ def is_alive(pid):
     return state != 'Z'
 
 
-class Lines(list):
-    def show(self, name, line):
-        self.append((name, line))
-
-
 @pytest.fixture
-def lines():
-    return Lines()
+def running():
+    """Processes, and the lines that they print."""
+    lines = []
+    with Processes(lambda *line: lines.append(line)) as processes:
+        yield processes, lines
 
 
-def one_that_ends(processes):
-    ends = []
-    until(lambda: ends.extend(processes.ended(0.1)) or ends)
-    return ends[0]
-
-
-def test_tells_a_status_from_a_signal(lines):
-    with Processes(lines.show) as processes:
-        processes.start(script('a', 'raise SystemExit(3)'))
-        end = one_that_ends(processes)
-        assert (end.status, str(end)) == (3, 'a ended with status 3')
-        processes.start(script('a', WAIT))
-        until(lambda: lines)
-        os.kill(int(lines[0][1]), signal.SIGKILL)
-        assert str(one_that_ends(processes)) == 'a was killed by SIGKILL'
-        assert processes.names == ()
-
-
-def test_stops_with_one_term(lines):
-    goodbye = 'import signal\n' + (
-        'import os\n'
+def test_stops_with_one_term(running):
+    processes, lines = running
+    goodbye = (
+        'import os, signal\n'
         # A signal may come in the middle of a print, and a second one is not let in then.
         'def end(*_):\n os.write(1, b"goodbye\\n")\n raise SystemExit\n'
         'signal.signal(signal.SIGTERM, end)\n'
     )
-    with Processes(lines.show) as processes:
-        processes.start(script('a', goodbye + WAIT))
-        processes.start(script('b', goodbye + WAIT))
-        until(lambda: len(lines) == 2)
-        assert processes.stop() == {'a': 0, 'b': 0}
-        assert processes.names == ()
+    for name in 'ab':
+        processes.start(script(name, goodbye + WAIT))
+    until(lambda: len(lines) == 2)
+    assert processes.stop() == {'a': 0, 'b': 0} and processes.names == ()
     assert lines.count(('a', 'goodbye')) == lines.count(('b', 'goodbye')) == 1
 
 
-def test_takes_grandchildren_along(lines):
+def test_takes_grandchildren_along(running):
+    processes, lines = running
     family = (
         'import subprocess\nchild = subprocess.Popen(["sleep", "1000"])\n'
         'print(child.pid, flush=True)\n'
     )
-    with Processes(lines.show) as processes:
-        processes.start(script('a', family + WAIT))
-        until(lambda: lines)
-        grandchild = int(lines[0][1])
-        assert is_alive(grandchild)
+    processes.start(script('a', family + WAIT))
+    until(lambda: lines)
+    grandchild = int(lines[0][1])
+    assert is_alive(grandchild)
+    processes.stop()
     until(lambda: not is_alive(grandchild))
 
 
@@ -95,7 +73,7 @@ def test_takes_grandchildren_along(lines):
 def test_leaves_no_orphan_when_it_is_killed():
     starter = f"""
 import time
-from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
+from ftp_dent_ros.supervision.processes import Processes, Program
 processes = Processes(lambda name, line: print(line, flush=True))
 for name in 'ab':
     processes.start(Program(name, {(*BARE, WAIT)!r}))

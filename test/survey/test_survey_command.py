@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from bag_samples import (
     CLOUD,
+    DIAGNOSTICS,
     IMAGE,
     LOCATED,
     SECOND,
     cloud_message,
     data_of,
+    diagnostics,
     image,
     located,
     place,
@@ -47,7 +49,8 @@ def contents(cloud, pose, stamp_ns, rows):
 def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig='', rows=ROWS):
     with BagWriter(folder) as writer:
         if rig:
-            writer.custom_data['rig'] = rig
+            writer.add_topic(DIAGNOSTICS)
+            writer.write([diagnostics(0, rig=rig)])
         for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
             stamp = start_ns + index * HALF_S
             for name, data in contents(skin.seen(pose, index), said, stamp, rows):

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import decode
-from ftp_dent_ros.coding.messages import pose_from_message, stamp_to_ns
+from ftp_dent_ros.coding.messages import dents_from_message, pose_from_message, stamp_to_ns
 from ftp_dent_ros.dents.dent import COVERAGE, KINDS
-from ftp_dent_ros.errors import CodecError, PoseError
+from ftp_dent_ros.errors import CloudError, CodecError, PoseError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.protocol import Item, remember
 from ftp_dent_ros.pose import Pose
@@ -118,17 +118,7 @@ def statuses_of(message: Any) -> list[dict[str, Any]]:
 
 def dents_of(message: Any) -> list[dict[str, Any]]:
     """Dents of a message of dents/list: lengths in millimetres, places in metres."""
-    kinds = {7: '<f4', 6: '<u4'}  # sensor_msgs/PointField
-    row = np.dtype(
-        {
-            'names': [field.name for field in message.fields],
-            'formats': [kinds[field.datatype] for field in message.fields],
-            'offsets': [field.offset for field in message.fields],
-            'itemsize': message.point_step,
-        }
-    )
-    values = np.frombuffer(bytes(message.data), row)[:1000]
-    return [_dent(value) for value in values]
+    return [_dent(value) for value in dents_from_message(message)[:1000]]
 
 
 def _dent(value: Any) -> dict[str, Any]:
@@ -155,7 +145,7 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     topics.SURVEY_COVERAGE: coverage_of,
 }
 # What reading a message of anything else may raise.
-_MALFORMED = (ValueError, LookupError, TypeError, AttributeError, PoseError, cv2.error)
+_MALFORMED = (ValueError, LookupError, TypeError, AttributeError, CloudError, PoseError, cv2.error)
 
 
 class PageScene:

@@ -24,9 +24,10 @@ from aiohttp import WSMsgType, web
 
 from ftp_dent_ros.errors import CodecError, ConfigurationError
 from ftp_dent_ros.ground import topics
-from ftp_dent_ros.ground.commands import COMMANDS, Answer
+from ftp_dent_ros.ground.commands import COMMANDS
 from ftp_dent_ros.ground.page.scene import PageScene, message_of
 from ftp_dent_ros.ground.protocol import Item
+from ftp_dent_ros.ground.station import Station
 
 PROTOCOLS = ('foxglove.sdk.v1', 'foxglove.websocket.v1')
 _HEAD = struct.Struct('<BIQ')
@@ -118,13 +119,12 @@ class Foxglove:
     def _new_channel(self, name: str, kind: str) -> dict[str, Any]:
         from ftp_dent_ros.recording import topic
 
-        definition = topic.find_definition(kind, topic.type_hash(kind))
         return {
             'id': len(self._channels) + 1,
             'topic': name,
             'encoding': 'cdr',
             'schemaName': kind,
-            'schema': definition,
+            'schema': topic.known_topic(name, kind).definition,
             'schemaEncoding': 'ros2msg',
         }
 
@@ -162,10 +162,8 @@ class PageServer:
     ----------
     address : str
         ``HOST:PORT``.
-    link : callable
-        What there is to say about the link, for JSON.
-    command : callable
-        Gives a command to the drone and waits for its answer.
+    station : Station
+        Tells of the link, and gives the commands to the drone.
 
     Attributes
     ----------
@@ -178,12 +176,10 @@ class PageServer:
         The address is malformed or cannot be listened on.
     """
 
-    def __init__(
-        self, address: str, link: Callable[[], dict[str, Any]], command: Callable[[str], Answer]
-    ) -> None:
+    def __init__(self, address: str, station: Station) -> None:
         self.scene = PageScene()
         self._foxglove = Foxglove()
-        self._link, self._command = link, command
+        self._station = station
         self._key = secrets.token_urlsafe(12)
         self._loop = asyncio.new_event_loop()
         folder = resources.files('ftp_dent_ros.ground.page')
@@ -280,7 +276,7 @@ class PageServer:
             return _refuse(403, 'refused')
         if name not in COMMANDS:
             return _refuse(404, 'there is no such command')
-        answer = await asyncio.to_thread(self._command, name)
+        answer = await asyncio.to_thread(self._station.command, name)
         return web.Response(body=answer.pack(), content_type='application/json', headers=_HEADERS)
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
@@ -289,7 +285,9 @@ class PageServer:
         await response.prepare(request)
         shown = -1
         while True:
-            news: dict[str, Any] = {'link': self._link()}
+            level, text = self._station.summary()
+            link = {'level': level, 'text': text, 'rate': round(8e-3 * self._station.rate())}
+            news: dict[str, Any] = {'link': link}
             if self.scene.version != shown:
                 news.update(self.scene.state())
                 shown = int(news['version'])
