@@ -172,7 +172,7 @@ def _dents(rng: np.random.Generator, distance: float) -> Iterator[Dent]:
         width = math.exp(rng.uniform(*np.log(_WIDTHS)))
         depth = min(math.exp(rng.uniform(*np.log(_DEPTHS))), width / 12)
         shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
-        part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size_at()
+        part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size()
         place = distance * np.array([0.14 * x, 0.075 * y]) + rng.uniform(-0.01, 0.01, 2)
         length = width * rng.uniform(1, 1.6)
         angle = float(rng.uniform(0, math.pi))

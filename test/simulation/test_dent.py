@@ -96,8 +96,8 @@ def test_a_shape_is_whole_in_the_middle_nothing_at_the_border_and_has_its_slopes
 )
 def test_sizes_on_the_contour_at_a_tenth_of_the_depth(shape, part):
     dent = Dent(0.02, -0.01, 0.06, 0.04, 0.002, 0.4, shape)
-    assert dent.size_at(0.1) == pytest.approx((0.06 * part, 0.04 * part), rel=1e-6)
-    x, y = dent.outline(0.1).T
+    assert dent.size() == pytest.approx((0.06 * part, 0.04 * part), rel=1e-6)
+    x, y = dent.outline().T
     height, _, _ = dent.height(x + dent.x, y + dent.y)
     np.testing.assert_allclose(height, 0.0002, rtol=1e-6)
 
@@ -111,7 +111,7 @@ def test_a_crease_has_the_radius_asked_for_and_its_sizes_end_to_end():
     height, _, _ = crease.height(-s * across, c * across)
     curvature = (height[0] - 2 * height[1] + height[2]) / step**2
     assert -1 / curvature == pytest.approx(0.0008, rel=0.01)
-    length, width = crease.size_at(0.1)
+    length, width = crease.size()
     along = np.linspace(0, 0.025, 100001)
     ends = along[np.argmin(np.abs(crease.height(c * along, s * along)[0] - 0.00015))]
     assert length == pytest.approx(2 * ends, rel=1e-3)

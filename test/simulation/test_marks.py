@@ -90,7 +90,7 @@ def test_letters_and_scratches_are_seen_where_they_are(rig, pattern, noiseless):
     x, y = (part.astype(np.float32) for part in _places(rig))
     expected = np.ones(x.shape)
     for mark in marks:
-        expected *= mark.factor(x, y)
+        expected *= mark.factor(x, y)[0]
     bright = plain[..., 0] > 60
     part = whole[..., 0] / np.maximum(plain[..., 0], 1)
     assert (expected < 0.5).sum() > 20
