@@ -18,7 +18,6 @@ from ftp_dent_ros.simulation import (
     Sunlight,
     Surface,
     Wave,
-    domed_rivet,
     render,
     scratches,
     waviness,
@@ -128,8 +127,3 @@ def test_waves_are_traced_and_seen(rig, noiseless):
     np.testing.assert_allclose(seen.u.ravel(), rig.projector.project(points)[:, 0], atol=2e-3)
     total = sum(wave.height(np.zeros(1), np.zeros(1))[0][0] for wave in waviness(2e-4, 0.1, 5))
     assert abs(total) <= 2e-4
-
-
-def test_a_domed_rivet_stands_out():
-    height, _, _ = skin(rivets=(domed_rivet(0, 0),)).panels[0].height(np.zeros(1), np.zeros(1))
-    assert height == pytest.approx([-0.0012])
