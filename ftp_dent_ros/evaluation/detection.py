@@ -72,10 +72,9 @@ class Trial:
 
     Attributes
     ----------
-    index : int
     distance : float
         Metres.
-    skin, light : str
+    skin : str
     area : float
         Of skin that was measured, square metres.
     dents : list of [depth, width, hit, measured depth]
@@ -84,19 +83,14 @@ class Trial:
         Dents where there are none.
     others : int
         Whatever else was listed where there is no dent.
-    refused : str
-        Why there is no cloud, if there is none: its dents are missed.
     """
 
-    index: int
     distance: float
     skin: str
-    light: str
     area: float
     dents: list[list[float]]
     false_calls: int
     others: int
-    refused: str = ''
 
 
 def run_trials(
@@ -113,18 +107,18 @@ def run_trials(
 
 
 def _taken(index: int, smallest_depth: float) -> Trial:
-    distance, skin, light, scene = scene_of(index)
+    distance, skin, scene = scene_of(index)
     truth = list(true_dents(scene.surface))
-    words = index, distance, skin, light
     try:
         photograph = scene.photograph(abs(index))
         measured = reconstructor_at(distance).measure(photograph, True)
         found = inspect(measured.cloud, SmallestDent(smallest_depth=smallest_depth))
-    except FtpDentError as error:
+    except FtpDentError:
+        # Without a cloud all are missed.
         missed = [[true.depth, true.width, 0, math.nan] for true in truth]
-        return Trial(*words, 0.0, missed, 0, 0, str(error))
+        return Trial(distance, skin, 0.0, missed, 0, 0)
     results, false, others = _compared(truth, found)
-    return Trial(*words, area_of(measured.cloud.points), results, false, others)
+    return Trial(distance, skin, area_of(measured.cloud.points), results, false, others)
 
 
 def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
@@ -143,7 +137,7 @@ def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
     return results, len(found.dents) - len(pairs), len(others)
 
 
-def scene_of(index: int) -> tuple[float, str, str, Scene]:
+def scene_of(index: int) -> tuple[float, str, Scene]:
     """What the trial of a number photographs; a blank skin below 0."""
     rng = np.random.default_rng([2026, abs(index), int(index < 0)])
     skins = DENTED if index >= 0 else SKINS
@@ -162,7 +156,7 @@ def scene_of(index: int) -> tuple[float, str, str, Scene]:
         **_SKINS[skin](rng, int(rng.integers(1 << 30)), 0.2 * distance),
     )
     photometry = Photometry(reference_distance=distance, **LIGHTS[light])
-    return distance, skin, light, Scene(_rig(distance), (panel,), photometry)
+    return distance, skin, Scene(_rig(distance), (panel,), photometry)
 
 
 def _dents(rng: np.random.Generator, distance: float) -> Iterator[Dent]:
