@@ -116,7 +116,7 @@ Kind = Callable[[Random], Scene]
 
 def by_contour(x, y, length, width, depth, angle=0.0, shape: Shape = SMOOTH) -> Dent:
     """A dent whose 10 % contour has these sizes, metres."""
-    part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size_at(0.1)
+    part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size()
     return Dent(x, y, length / part, width / part, depth, angle, shape)
 
 
@@ -440,7 +440,7 @@ def shaped(family: Family) -> Kind:
         discs: list[tuple[float, float, float]] = []
         for _ in range(3):
             some = family(rng)
-            radius = max(math.hypot(d.x, d.y) + d.size_at(0.1)[0] / 2 for d in some)
+            radius = max(math.hypot(d.x, d.y) + d.size()[0] / 2 for d in some)
             for _ in range(200):
                 x, y = rng.uniform(-1, 1, 2) * np.maximum(reach - radius, 0.1 * reach)
                 if all(math.hypot(x - a, y - b) > 1.6 * (radius + r) for a, b, r in discs):

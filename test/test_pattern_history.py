@@ -42,7 +42,7 @@ def test_a_photograph_goes_with_the_pattern_of_its_time_in_whatever_order_they_c
         (1751, 'taken 249 ms before the period changed from 10 to 8 px'),
         (2000, 'taken 0 ms after the period changed from 10 to 8 px'),
         (2249, 'taken 249 ms after the period changed from 10 to 8 px'),
-        (2800, 'taken 200 ms before the stripe moved from 160 to 150 px'),
+        (2800, 'taken 200 ms before the pattern changed'),
         (1100, 'taken 100 ms after the first pattern that is known'),
     ],
 )

@@ -209,14 +209,10 @@ def turned(rig: Rig, turn: NDArray) -> Rig:
     return replace(rig, rotation=by @ rig.rotation, translation=by @ rig.translation)
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """Residuals of one kind: their standard deviation at first, and how it is estimated."""
-
-    first: float
-    spread: Callable[[NDArray], float] | None = None
-
-
+#: Of residuals of one kind: their standard deviation at first, and how it is estimated then.
+_Kind = tuple[float, Callable[[NDArray], float]]
+#: A prior's, which are in standard deviations.
+_PRIOR: _Kind = 1.0, lambda off: 1.0
 #: Residuals of each kind, which show the turn, of a rig and the other unknowns.
 _Misfit = Callable[[Rig, NDArray], list[NDArray]]
 
@@ -241,7 +237,7 @@ def _fitted(
     covariance : ndarray, shape (3, 3)
         Of the turn.
     """
-    deviations = [kind.first for kind in kinds]
+    deviations = [first for first, _ in kinds]
     unknowns = np.concatenate([np.zeros(3), start])
 
     def each(unknowns: NDArray) -> list[NDArray]:
@@ -254,10 +250,8 @@ def _fitted(
     for _ in range(3):
         found = least_squares(weighted, unknowns, x_scale='jac', loss='soft_l1', f_scale=2.0)
         unknowns = found.x
-        deviations = [
-            kind.spread(off) if kind.spread else kind.first
-            for kind, off in zip(kinds, each(unknowns), strict=True)
-        ]
+        parts = zip(kinds, each(unknowns), strict=True)
+        deviations = [spread(off) for (_, spread), off in parts]
     return unknowns, inverse_of(found.jac.T @ found.jac)[:3, :3]
 
 
@@ -346,7 +340,7 @@ def _turn(
         off = by.projector.project(by.to_projector(points))[:, 0] - columns
         return [*misfit(by, unknowns), off, unknowns[4:] * (distance * reach) ** 2 / flatness]
 
-    kinds = [_Kind(_RIM[0], lambda off: scatter(off, _RIM[1]))] * len(rims) + [_Kind(1.0)]
+    kinds: list[_Kind] = [(_RIM[0], lambda off: scatter(off, _RIM[1]))] * len(rims) + [_PRIOR]
     if not np.isfinite(flatness):
         found, covariance = _fitted(rig, misfit, np.zeros(1), kinds)
     else:
@@ -354,7 +348,7 @@ def _turn(
         depth = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation) / distance**2
         # Neighbours err together: as if there were a tenth as many.
         noise = np.sqrt(10) * float(np.hypot(_FRINGES[0], min(5e-5, flatness) * depth))
-        kinds += [_Kind(noise), _Kind(1.0)]
+        kinds += [(noise, lambda off: noise), _PRIOR]
         found, covariance = _fitted(rig, on_wall, np.concatenate([[0.0], shape]), kinds)
     return found[:3], covariance, len(rows)
 
@@ -490,11 +484,11 @@ def check_by_board(
         grid[known] = off
         return _corner_noise(grid.reshape(board.rows, board.columns))
 
-    corner = _Kind(_CORNERS[0], corner_noise)
-    fringes = _Kind(_FRINGES[0], lambda off: scatter(off, _FRINGES[1]))
+    corner = _CORNERS[0], corner_noise
+    fringes: _Kind = _FRINGES[0], lambda off: scatter(off, _FRINGES[1])
     turn, shift = board_pose(rig, board.points[known], corners)
     start = np.concatenate([turn.as_rotvec(), shift, [1.0], np.zeros(3)])
-    found, covariance = _fitted(rig, misfit, start, [corner, corner, fringes, _Kind(1.0)])
+    found, covariance = _fitted(rig, misfit, start, [corner, corner, fringes, _PRIOR])
     # A lens that has changed moves most corners, a shadow or the frame's rim a few: the nearest of
     # them tell, which are this part of the mean square of normally distributed vectors in the
     # plane: 1 - q exp(-q) / (1 - exp(-q)), with q = ln 5.

@@ -61,21 +61,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _detect(arguments: argparse.Namespace, folder: Path) -> int:
     # Few need it.
-    from ftp_dent_ros.evaluation.detection import (
-        TOGETHER,
-        blanks_of,
-        rows_of,
-        run_trials,
-        sentence,
-        write_detection,
-    )
+    from ftp_dent_ros.evaluation.detection import TOGETHER, run_trials, write_detection
 
     depth = arguments.smallest_depth / 1e3
     total = math.ceil(arguments.dents / TOGETHER) + arguments.blanks
     with progress_bar('evaluating', total, 'photograph') as bar:
         taken = run_trials(arguments.dents, arguments.blanks, depth, bar.update)
-    rows, blanks = rows_of(taken), blanks_of(taken)
-    page = write_detection(folder, taken, rows, blanks, depth)
-    print(sentence(rows, blanks, depth))
+    page, quoted = write_detection(folder, taken, depth)
+    print(quoted)
     print(page)
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import cv2
@@ -65,15 +65,14 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
         camera_mae_*: mean distance of the clouds' points to the true skin in the camera's frame,
         over all clouds and of the worst. map_mae_*: the same in ``map``, with the pose's errors.
     """
-    stamps: dict[str, set[int]] = {topic: set() for topic in TYPES}
-    counts: dict[str, set[int]] = {topic: set() for topic in TYPES}
+    # How its publisher counts each message, by its stamp.
+    counts: dict[str, dict[int, int]] = {topic: {} for topic in TYPES}
     errors: dict[str, list[float]] = {'/points': [math.nan], '/tagged/points': [math.nan]}
     latencies = [math.nan]
     for message in bag.messages(TYPES):
         content = _content(message)
         stamp_ns = stamp_to_ns(content.header.stamp)
-        stamps[message.topic].add(stamp_ns)
-        counts[message.topic].add(message.sequence)
+        counts[message.topic][stamp_ns] = message.sequence
         if message.topic in errors:
             tagged_one = message.topic == '/tagged/points'
             surface = world.surface if tagged_one else world.seen_surface(stamp_ns)
@@ -82,17 +81,19 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
             progress()
             if tagged_one:
                 latencies.append((message.log_time_ns - stamp_ns) / 1e6)
-    images, clouds = stamps['/camera/image_raw'], stamps['/points']
-    tagged = stamps['/tagged/points'] & stamps['/tagged/pose']
+    images, clouds, poses = (
+        counts[topic] for topic in ('/camera/image_raw', '/points', '/mavlink/pose')
+    )
+    tagged = counts['/tagged/points'].keys() & counts['/tagged/pose'].keys()
     return {
         'images': len(images),
-        'images_lost': _holes(counts['/camera/image_raw']),
+        'images_lost': _holes(images.values()),
         'clouds': len(clouds),
-        'clouds_lost': len(images - clouds),
+        'clouds_lost': len(images.keys() - clouds.keys()),
         'tagged_clouds': len(tagged),
-        'tagged_clouds_lost': len(clouds - tagged),
-        'poses': len(stamps['/mavlink/pose']),
-        'poses_lost': _holes(counts['/mavlink/pose']),
+        'tagged_clouds_lost': len(clouds.keys() - tagged),
+        'poses': len(poses),
+        'poses_lost': _holes(poses.values()),
         'latency_median_ms': float(np.nanmedian(latencies)),
         'latency_maximum_ms': float(np.nanmax(latencies)),
         'camera_mae_mm': float(np.nanmean(errors['/points'])),
@@ -119,7 +120,7 @@ def _content(message: Message) -> Any:
     return deserialize_message(message.data, TYPES[message.topic])
 
 
-def _holes(counts: set[int]) -> int:
+def _holes(counts: Collection[int]) -> int:
     """How many of a publisher's messages are missing between the first and the last."""
     return max(counts) - min(counts) + 1 - len(counts) if counts else 0
 

@@ -26,7 +26,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from ftp_dent_ros.capture.source import write_rendered
 from ftp_dent_ros.coding.images import image_from_message
-from ftp_dent_ros.demonstration.appraisal import Figures, clouds_of
+from ftp_dent_ros.demonstration.appraisal import clouds_of
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find, write_atomically, write_png
 from ftp_dent_ros.fleet import side_by_side
@@ -173,7 +173,7 @@ def fly(
             if name not in (_CAMERA, _AUTOPILOT):
                 processes.start(program)
         meanwhile()
-        observer.until(observer.is_ready, 'reconstruction is not ready')
+        observer.until(lambda: observer.is_ready, 'reconstruction is not ready')
         # The photographs are of the flight's first seconds: it starts when all can be there.
         start_ns = time.time_ns() + _START_S * 1_000_000_000
         blocks[_CAMERA]['ros__parameters']['simulation.start_ns'] = start_ns
@@ -197,27 +197,22 @@ class _Observer:
 
     def __init__(self, node: Any, executor: Any, processes: Processes, logs: Path) -> None:
         self.tagged = self._last_image = self._last_tagged = 0
+        self.is_ready = False
         self._executor, self._processes, self._logs = executor, processes, logs
         node.create_subscription(CameraInfo, '/camera/camera_info', self._on_image, IMAGES)
         node.create_subscription(PoseWithCovarianceStamped, '/tagged/pose', self._on_tagged, POSES)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_state, DIAGNOSTICS)
-        self._state: dict[str, bytes] = {}
 
     def until(self, condition: Callable[[], bool], trouble: str) -> None:
         """Spin until `condition`; a process that ends or a timeout raises `FlightError`."""
-        end = time.monotonic() + _READY_S
-        while not condition():
-            self._executor.spin_once(timeout_sec=0.1)
+        for _ in self._while_spinning(_READY_S):
+            if condition():
+                return
             for ended in self._processes.ended():
                 log = self._logs / f'{ended.program.name}.log'
                 words = ['none', *log.read_text(errors='replace').strip().splitlines()]
                 raise FlightError(f'{ended}; its last words: {words[-1]}')
-            if time.monotonic() > end:
-                raise FlightError(f'{trouble} within {_READY_S:g} s: see the logs in {self._logs}')
-
-    def is_ready(self) -> bool:
-        """Whether the reconstruction knows the pattern, and waits for images."""
-        return self._state.get('reconstruction') == DiagnosticStatus.OK
+        raise FlightError(f'{trouble} within {_READY_S:g} s: see the logs in {self._logs}')
 
     def has_tagged(self, clouds: int) -> bool:
         """Whether so many clouds are tagged."""
@@ -225,16 +220,23 @@ class _Observer:
 
     def drain(self) -> None:
         """Wait until the last photograph's cloud is tagged; what is missing then is lost."""
-        start = time.monotonic()
-        while time.monotonic() < start + _DRAIN_S:
-            self._executor.spin_once(timeout_sec=0.1)
+        for elapsed in self._while_spinning(_DRAIN_S):
             # The last photograph itself may still be on its way here.
-            settled = time.monotonic() > start + _SETTLED_S
-            if settled and self._last_tagged >= self._last_image:
+            if elapsed > _SETTLED_S and self._last_tagged >= self._last_image:
                 return
 
+    def _while_spinning(self, seconds: float) -> Iterator[float]:
+        """Seconds that have gone by, again and again for so long, with messages taken between."""
+        start = time.monotonic()
+        while (elapsed := time.monotonic() - start) < seconds:
+            yield elapsed
+            self._executor.spin_once(timeout_sec=0.1)
+
     def _on_state(self, message: DiagnosticArray) -> None:
-        self._state |= {status.name: status.level for status in message.status}
+        """The reconstruction is ready when it knows the pattern, and waits for images."""
+        for status in message.status:
+            if status.name == 'reconstruction':
+                self.is_ready = status.level == DiagnosticStatus.OK
 
     def _on_image(self, message: CameraInfo) -> None:
         self._last_image = stamp_to_ns(message.header.stamp)
@@ -349,7 +351,8 @@ def write_results(bag: Bag, world: World, poses: Mapping[int, Pose], folder: Pat
     view_3d(folder / 'view_3d.png', skin, undented.distance(skin), flight)
 
 
-_SUMMARY = """\
+#: The figures as people read them, a line each: those that matter most first.
+SUMMARY = """\
 exposure to tagged cloud  {latency_median_ms:.0f} ms median, {latency_maximum_ms:.0f} ms at most
 dents in view             {dents}, missed {dents_missed}, false {dents_false}
 largest error of a dent   depth {depth_error_mm:.3f} mm, length {length_error_mm:.2f} mm, \
@@ -367,8 +370,3 @@ listed as others          {others}
 dents in the node's list  {dents_in_list}, false {dents_false_in_list}
 parts of the skin         {skin_parts}; points {skin_place_mm:.3f} mm from their places on it, \
 the whole {skin_off_mm:.0f} mm off in the map"""
-
-
-def summary_of(figures: Figures) -> str:
-    """The figures as people read them, a line each: those that matter most first."""
-    return _SUMMARY.format(**figures)

@@ -43,12 +43,10 @@ from ftp_dent_ros.simulation import (
     waviness,
 )
 from ftp_dent_ros.simulation.dents import SMOOTH, Cap, Gaussian, RaisedCosine, Shape
+from ftp_dent_ros.simulation.paint import Mark
 from ftp_dent_ros.simulation.truth import match_truth, true_dents
 
 DISTANCES = 0.6, 0.8, 1.2
-#: Skins with dents; blank ones have all of `SKINS`.
-DENTED = 'clean', 'dirty', 'wavy'
-SKINS = 'clean', 'dirty', 'wavy', 'rivets', 'domed rivets', 'lettering', 'patches', 'streaks'
 LIGHTS: dict[str, dict[str, Any]] = {
     'usual': {},
     'dim': {'exposure': 0.3},
@@ -74,10 +72,9 @@ class Trial:
 
     Attributes
     ----------
-    index : int
     distance : float
         Metres.
-    skin, light : str
+    skin : str
     area : float
         Of skin that was measured, square metres.
     dents : list of [depth, width, hit, measured depth]
@@ -86,19 +83,14 @@ class Trial:
         Dents where there are none.
     others : int
         Whatever else was listed where there is no dent.
-    refused : str
-        Why there is no cloud, if there is none: its dents are missed.
     """
 
-    index: int
     distance: float
     skin: str
-    light: str
     area: float
     dents: list[list[float]]
     false_calls: int
     others: int
-    refused: str = ''
 
 
 def run_trials(
@@ -115,18 +107,18 @@ def run_trials(
 
 
 def _taken(index: int, smallest_depth: float) -> Trial:
-    distance, skin, light, scene = scene_of(index)
+    distance, skin, scene = scene_of(index)
     truth = list(true_dents(scene.surface))
-    words = index, distance, skin, light
     try:
         photograph = scene.photograph(abs(index))
         measured = reconstructor_at(distance).measure(photograph, True)
         found = inspect(measured.cloud, SmallestDent(smallest_depth=smallest_depth))
-    except FtpDentError as error:
+    except FtpDentError:
+        # Without a cloud all are missed.
         missed = [[true.depth, true.width, 0, math.nan] for true in truth]
-        return Trial(*words, 0.0, missed, 0, 0, str(error))
+        return Trial(distance, skin, 0.0, missed, 0, 0)
     results, false, others = _compared(truth, found)
-    return Trial(*words, area_of(measured.cloud.points), results, false, others)
+    return Trial(distance, skin, area_of(measured.cloud.points), results, false, others)
 
 
 def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
@@ -145,7 +137,7 @@ def _compared(truth, found: Inspection) -> tuple[list[list[float]], int, int]:
     return results, len(found.dents) - len(pairs), len(others)
 
 
-def scene_of(index: int) -> tuple[float, str, str, Scene]:
+def scene_of(index: int) -> tuple[float, str, Scene]:
     """What the trial of a number photographs; a blank skin below 0."""
     rng = np.random.default_rng([2026, abs(index), int(index < 0)])
     skins = DENTED if index >= 0 else SKINS
@@ -161,49 +153,59 @@ def scene_of(index: int) -> tuple[float, str, str, Scene]:
         (-0.6, 0.6, -0.6, 0.6),
         float(rng.choice([0.0, 2.0])),
         dents=dents,
-        **_skin(skin, rng, distance),
+        **_SKINS[skin](rng, int(rng.integers(1 << 30)), 0.2 * distance),
     )
     photometry = Photometry(reference_distance=distance, **LIGHTS[light])
-    return distance, skin, light, Scene(_rig(distance), (panel,), photometry)
+    return distance, skin, Scene(_rig(distance), (panel,), photometry)
 
 
 def _dents(rng: np.random.Generator, distance: float) -> Iterator[Dent]:
-    for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
+    for column, row in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
         width = math.exp(rng.uniform(*np.log(_WIDTHS)))
         depth = min(math.exp(rng.uniform(*np.log(_DEPTHS))), width / 12)
         shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
-        part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size_at()
-        place = distance * np.array([0.14 * x, 0.075 * y]) + rng.uniform(-0.01, 0.01, 2)
+        part, _ = Dent(0, 0, 1, 1, 1, 0, shape).size()
+        middle = distance * np.array([0.14 * column, 0.075 * row])
+        x, y = (middle + rng.uniform(-0.01, 0.01, 2)).tolist()
         length = width * rng.uniform(1, 1.6)
-        angle = float(rng.uniform(0, math.pi))
-        at_x, at_y = map(float, place)
-        yield Dent(at_x, at_y, length / part, width / part, depth, angle, shape)
+        angle = rng.uniform(0, math.pi)
+        yield Dent(x, y, length / part, width / part, depth, angle, shape)
 
 
-def _skin(skin: str, rng: np.random.Generator, distance: float) -> dict[str, Any]:
-    seed = int(rng.integers(1 << 30))
-    reach = 0.2 * distance
-    if skin == 'dirty':
-        return {'paint': Paint(marks=(Dirt(0.25, seed=seed),))}
-    if skin == 'streaks':
-        angle = float(rng.uniform(0, math.pi))
-        streaks = Dirt(0.15, (0.016, 0.006), seed, stretch=8.0, angle=angle)
-        return {'paint': Paint(marks=(streaks,))}
-    if skin == 'wavy':
-        return {'waves': waviness(1e-4, float(rng.uniform(0.08, 0.2)), seed)}
-    if skin in ('rivets', 'domed rivets'):
-        kind = Rivet if skin == 'rivets' else domed_rivet
-        y = float(rng.uniform(-0.4, 0.4) * reach)
-        return {'rivets': tuple(kind(-0.3 + 0.025 * i, y) for i in range(25))}
-    if skin == 'lettering':
-        x, y = rng.uniform(-0.5, 0.5, 2) * reach
-        mark = Lettering(float(x), float(y), 'NO STEP', 0.02, (0.25, 0.3, 0.8))
-        return {'paint': Paint(marks=(mark,))}
-    if skin == 'patches':
-        places = rng.uniform(-1, 1, (3, 2)) * reach
-        marks = tuple(PaintPatch(float(x), float(y), 0.05, 0.03, (0.5,) * 3) for x, y in places)
-        return {'paint': Paint(marks=marks)}
-    return {}
+def _marked(*marks: Mark) -> dict[str, Any]:
+    return {'paint': Paint(marks=marks)}
+
+
+def _letters(x: float, y: float) -> dict[str, Any]:
+    return _marked(Lettering(x, y, 'NO STEP', 0.02, (0.25, 0.3, 0.8)))
+
+
+def _patches(places: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    return _marked(*(PaintPatch(x, y, 0.05, 0.03, (0.5,) * 3) for x, y in places))
+
+
+def _streaks(seed: int, angle: float) -> dict[str, Any]:
+    return _marked(Dirt(0.15, (0.016, 0.006), seed, stretch=8.0, angle=angle))
+
+
+def _riveted(rivet: Callable[[float, float], Any], y: float) -> dict[str, Any]:
+    return {'rivets': tuple(rivet(-0.3 + 0.025 * i, y) for i in range(25))}
+
+
+#: What panels have, of a generator, a seed and how far out of the middle things stand, metres.
+_SKINS: dict[str, Callable[[np.random.Generator, int, float], dict[str, Any]]] = {
+    'clean': lambda rng, seed, reach: {},
+    'dirty': lambda rng, seed, reach: _marked(Dirt(0.25, seed=seed)),
+    'wavy': lambda rng, seed, reach: {'waves': waviness(1e-4, rng.uniform(0.08, 0.2), seed)},
+    'rivets': lambda rng, seed, reach: _riveted(Rivet, reach * rng.uniform(-0.4, 0.4)),
+    'domed rivets': lambda rng, seed, reach: _riveted(domed_rivet, reach * rng.uniform(-0.4, 0.4)),
+    'lettering': lambda rng, seed, reach: _letters(*(reach * rng.uniform(-0.5, 0.5, 2)).tolist()),
+    'patches': lambda rng, seed, reach: _patches((reach * rng.uniform(-1, 1, (3, 2))).tolist()),
+    'streaks': lambda rng, seed, reach: _streaks(seed, rng.uniform(0, math.pi)),
+}
+#: Blank skins; the first three are those that are dented too.
+SKINS = tuple(_SKINS)
+DENTED = SKINS[:3]
 
 
 @lru_cache(maxsize=4)
@@ -344,14 +346,18 @@ class Blank:
         return most_calls(self.calls, self.area)
 
 
+def _results(trials: Sequence[Trial], distance: float, skin: str) -> Values:
+    """Depths, widths, hits and measured depths of the dents of a distance and skin, (4, n)."""
+    some = [t for t in trials if (t.distance, t.skin) == (distance, skin)]
+    return np.array([dent for t in some for dent in t.dents], float).reshape(-1, 4).T
+
+
 def rows_of(trials: Sequence[Trial]) -> list[Row]:
     """A row a distance and skin."""
     rows = []
     for distance in DISTANCES:
         for skin in DENTED:
-            some = [t for t in trials if t.dents and (t.distance, t.skin) == (distance, skin)]
-            values = np.array([dent for trial in some for dent in trial.dents], float)
-            depth, width, hit, measured = values.reshape(-1, 4).T
+            depth, width, hit, measured = _results(trials, distance, skin)
             ratio = (measured / depth)[hit > 0] - 1
             bias = median(ratio)
             found = detection(depth, width, hit)
@@ -403,13 +409,10 @@ def sentence(rows: Sequence[Row], blanks: Sequence[Blank], smallest_depth: float
 
 
 def write_detection(
-    folder: Path,
-    trials: Sequence[Trial],
-    rows: Sequence[Row],
-    blanks: Sequence[Blank],
-    smallest_depth: float,
-) -> Path:
-    """Write ``detection.html`` and ``detection.json``; return the page's path."""
+    folder: Path, trials: Sequence[Trial], smallest_depth: float
+) -> tuple[Path, str]:
+    """Write ``detection.html`` and ``detection.json``; the page's path, and what may be quoted."""
+    rows, blanks = rows_of(trials), blanks_of(trials)
     quoted = sentence(rows, blanks, smallest_depth)
     text = render(
         'ftp_dent_ros.evaluation',
@@ -436,7 +439,7 @@ def write_detection(
     page = folder / 'detection.html'
     with write_atomically(page) as temporary:
         temporary.write_text(text, encoding='utf-8')
-    return page
+    return page, quoted
 
 
 def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
@@ -447,25 +450,15 @@ def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:
     for axis, distance in zip(axes, DISTANCES, strict=True):
         for row in (row for row in rows if row.distance == distance):
             colour = _COLOURS[row.skin]
-            if math.isfinite(row.detection.a90):
-                chance = row.detection.probability(depths, _WIDTH)
-                axis.plot(1e3 * depths, chance, color=colour, label=row.skin)
-            if math.isfinite(row.detection.a90_95):
-                axis.plot(1e3 * row.detection.a90_95, 0.9, 'o', color=colour, ms=5)
-            seen = [
-                dent
-                for trial in trials
-                if (trial.distance, trial.skin) == (distance, row.skin)
-                for dent in trial.dents
-            ]
-            if seen:
-                depth, _, hit, _ = np.array(seen, float).T
-                axis.plot(1e3 * depth, hit, '|', color=colour, alpha=0.5, ms=7)
+            # What is not a number is not drawn.
+            chance = row.detection.probability(depths, _WIDTH)
+            axis.plot(1e3 * depths, chance, color=colour, label=row.skin)
+            axis.plot(1e3 * row.detection.a90_95, 0.9, 'o', color=colour, ms=5)
+            depth, _, hit, _ = _results(trials, row.distance, row.skin)
+            axis.plot(1e3 * depth, hit, '|', color=colour, alpha=0.5, ms=7)
         axis.axhline(0.9, color='#999', lw=0.7, ls=':')
-        axis.set_xscale('log')
+        axis.set(xscale='log', xlim=(0.016, 1.25), xlabel='depth, mm')
         axis.set_title(f'{distance:g} m', fontsize=10)
-        axis.set_xlabel('depth, mm')
-        if axis.get_legend_handles_labels()[0]:
-            axis.legend(fontsize=8, frameon=False, loc='center right')
+        axis.legend(fontsize=8, frameon=False, loc='center right')
     axes[0].set_ylabel('probability of detection')
     return data_uri(figure_png(figure, 130))

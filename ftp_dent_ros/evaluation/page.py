@@ -26,37 +26,37 @@ _TABLES = (
         'of each pixel before it is photographed, or none. Where a photograph was refused, the '
         'figures are of the others.',
         'section 3',
-        (*ITOH, *ESTRADA, *SMOOTHER, LEAST_SQUARES),
+        ITOH | ESTRADA | SMOOTHER | LEAST_SQUARES,
     ),
     (
         "Table 3: samples at 60 cm, Itoh's unwrapping",
         f'Photographs with {_SENSOR}.',
         'static',
-        (*ITOH, LEAST_SQUARES),
+        ITOH | LEAST_SQUARES,
     ),
     (
         "Table 4: samples at 60 cm, Estrada's unwrapping",
         f'Photographs with {_SENSOR}.',
         'static',
-        (*ESTRADA, LEAST_SQUARES),
+        ESTRADA | LEAST_SQUARES,
     ),
     (
         "Table 6: samples at 120 cm, Estrada's unwrapping",
         f'Moving at 0.1 m/s, exposed for 10 ms, and still; photographs with {_SENSOR}.',
         'dynamic',
-        (*ESTRADA, LEAST_SQUARES),
+        ESTRADA | LEAST_SQUARES,
     ),
 )
 # Captions, and table, row and methods of what is drawn.
 _PICTURES = (
     ("As figure 12: section 3, Itoh's unwrapping.", 'section 3', 'phase map', ITOH),
     ("As figure 13: section 3, Estrada's unwrapping.", 'section 3', 'phase map', ESTRADA),
-    ('As figure 16: sample C at 60 cm.', 'static', 'C', (*ESTRADA, LEAST_SQUARES)),
+    ('As figure 16: sample C at 60 cm.', 'static', 'C', ESTRADA | LEAST_SQUARES),
     (
         'As figure 17: sample C at 120 cm, moving.',
         'dynamic',
         'C, dynamic',
-        (*ESTRADA, LEAST_SQUARES),
+        ESTRADA | LEAST_SQUARES,
     ),
 )
 COLUMNS = ('', 'method', 'MAE (std), mm', 'paper, mm', 'dent MAE', 'depth bias', 'coverage', 'ms')
@@ -102,7 +102,7 @@ def _cells(entry: Entry) -> tuple[str, ...]:
     mae = f'{figures.mae:.4f} ({figures.deviation:.4f})' if entry.refused < seeds else ''
     return (
         entry.case.row,
-        entry.method.name,
+        entry.method,
         mae + (f' refused {entry.refused} of {seeds}' if entry.refused else ''),
         said,
         *(
@@ -123,9 +123,9 @@ def error_maps(entries: Sequence[Entry]) -> str:
     for axes, entry in zip(
         figure.subplots(1, len(entries), squeeze=False)[0], entries, strict=True
     ):
-        axes.set_title(entry.method.name, fontsize=9)
+        axes.set_title(entry.method, fontsize=9)
         axes.set_axis_off()
-        error = entry.first.error_mm
+        error = entry.error_mm
         if error is None:
             axes.text(0.5, 0.5, 'refused: no fringe order\nthat the stripe agrees on', ha='center')
             continue

@@ -52,14 +52,9 @@ class Scene:
         return Surface(self.panels)
 
     @property
-    def panel(self) -> Panel:
-        """The first panel."""
-        return self.panels[0]
-
-    @property
     def dent(self) -> Dent:
         """The first panel's first dent."""
-        return self.panel.dents[0]
+        return self.panels[0].dents[0]
 
     def photograph(self, seed: int = 0, pattern: Pattern = PATTERN) -> NDArray[np.uint8]:
         """Render it with the noise of a seed."""
@@ -73,13 +68,11 @@ class Scene:
         u, v = np.moveaxis(self.rig.projector.project(self.rig.to_projector(points)), -1, 0)
         return (u > 0) & (u < PATTERN.width - 1) & (v > 0) & (v < PATTERN.height - 1)
 
-    def error(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Signed distance to the true surface, positive behind it, metres."""
-        return self.surface.distance(points)
-
     def on_panel(self, points: NDArray[np.floating]) -> tuple[NDArray, NDArray]:
         """Coordinates along the panel from the dent's centre, metres."""
-        x, y, _ = np.moveaxis(self.panel.pose.inverse().apply(np.asarray(points, float)), -1, 0)
+        x, y, _ = np.moveaxis(
+            self.panels[0].pose.inverse().apply(np.asarray(points, float)), -1, 0
+        )
         return x - self.dent.x, y - self.dent.y
 
 

@@ -50,27 +50,19 @@ class NoisyPhase(FourierTransform):
         return fringes * np.exp(1j * noise).astype(np.complex64)
 
 
-@dataclass(frozen=True)
-class StudyMethod:
-    """A method under the name that tables give it."""
-
-    name: str
-    settings: Settings
-
-
-def methods(unwrapping: str, tau: float = 0.8) -> tuple[StudyMethod, StudyMethod]:
-    """The paper's two methods with one unwrapping."""
+def methods(unwrapping: str, tau: float = 0.8) -> dict[str, Settings]:
+    """The paper's two methods with one unwrapping, by the names that tables give them."""
     title = "Itoh's" if unwrapping == 'itoh' else f"Estrada's, tau {tau:g}"
-    direct, virtual = (
-        Settings.chosen(name, unwrapping=unwrapping, tau=tau)
-        for name in ('direct', 'virtual-reference')
-    )
-    return StudyMethod(f'direct, {title}', direct), StudyMethod(
-        f'virtual reference, {title}', virtual
-    )
+    names = {'direct': 'direct', 'virtual reference': 'virtual-reference'}
+    return {
+        f'{name}, {title}': Settings.chosen(method, unwrapping=unwrapping, tau=tau)
+        for name, method in names.items()
+    }
 
 
-LEAST_SQUARES = StudyMethod('least squares', Settings('least-squares'))
+ITOH, ESTRADA, SMOOTHER = methods('itoh'), methods('estrada'), methods('estrada', 0.7)
+LEAST_SQUARES = {'least squares': Settings('least-squares')}
+_ALL = ITOH | ESTRADA | SMOOTHER | LEAST_SQUARES
 
 
 @dataclass(frozen=True)
@@ -100,57 +92,48 @@ class Figures:
     seconds: float = math.nan
 
 
-@dataclass(frozen=True, eq=False)
-class StudyTrial:
-    """Figures of one photograph, and its cloud's error (mm) for the pictures."""
-
-    figures: Figures
-    error_mm: NDArray[np.float64] | None
+def engine(settings: Settings, rig: Rig) -> Any:
+    """What measures photographs by a method."""
+    kind: Any = Reconstructor if settings.method == 'least-squares' else NoisyPhase
+    return kind(rig, PATTERN, settings)
 
 
-class Bench:
-    """A method on one rig, with its tables made."""
+def trial(
+    engine: Any,
+    scene: Scene,
+    lit: NDArray[np.bool_],
+    image: NDArray[np.uint8],
+    phase_noise: NDArray[np.float32] | None = None,
+) -> tuple[Figures, NDArray[np.float64] | None]:
+    """Reconstruct a photograph and compare it with the truth.
 
-    def __init__(self, method: StudyMethod, rig: Rig) -> None:
-        self.method = method
-        least_squares = method.settings.method == 'least-squares'
-        kind: Any = Reconstructor if least_squares else NoisyPhase
-        self._method = kind(rig, PATTERN, method.settings)
-        self._warm = False
+    Parameters
+    ----------
+    engine : object
+        From `engine`.
+    scene : Scene
+    lit : ndarray, shape (rows, columns)
+        `Scene.lit`.
+    image : ndarray, shape (rows, columns, 3), uint8
+    phase_noise : ndarray, shape (rows, columns), optional
+        Added to the phase map, radians.
 
-    def run(
-        self,
-        scene: Scene,
-        lit: NDArray[np.bool_],
-        image: NDArray[np.uint8],
-        phase_noise: NDArray[np.float32] | None = None,
-    ) -> StudyTrial:
-        """Reconstruct a photograph and compare it with the truth.
-
-        Parameters
-        ----------
-        scene : Scene
-        lit : ndarray, shape (rows, columns)
-            `Scene.lit`.
-        image : ndarray, shape (rows, columns, 3), uint8
-        phase_noise : ndarray, shape (rows, columns), optional
-            Added to the phase map, radians.
-        """
-        if phase_noise is not None:
-            self._method.noise = phase_noise
-        photograph = Photograph.of(image)
-        try:
-            if not self._warm:
-                self._method.measure(photograph)
-                self._warm = True
-            start = time.perf_counter()
-            cloud = self._method.measure(photograph).cloud
-            seconds = time.perf_counter() - start
-        except RefusedFrameError:
-            return StudyTrial(Figures(coverage=0.0), None)
-        error = np.full(cloud.valid.shape, np.nan)
-        error[cloud.valid] = 1e3 * scene.error(cloud.points[cloud.valid])
-        return StudyTrial(_figures(scene, lit, cloud, error, seconds), error)
+    Returns
+    -------
+    figures : Figures
+    error : ndarray, shape (rows, columns), optional
+        Of the cloud, mm; None if the photograph was refused.
+    """
+    engine.noise = phase_noise
+    start = time.perf_counter()
+    try:
+        cloud = engine.measure(Photograph.of(image)).cloud
+    except RefusedFrameError:
+        return Figures(coverage=0.0), None
+    seconds = time.perf_counter() - start
+    error = np.full(cloud.valid.shape, np.nan)
+    error[cloud.valid] = 1e3 * scene.surface.distance(cloud.points[cloud.valid])
+    return _figures(scene, lit, cloud, error, seconds), error
 
 
 def _figures(scene: Scene, lit, cloud: Cloud, error, seconds: float) -> Figures:
@@ -181,11 +164,6 @@ def mean(figures: list[Figures]) -> Figures:
     return Figures(*(float(values.mean()) if values.size else math.nan for values in given))
 
 
-ITOH = methods('itoh')
-ESTRADA = methods('estrada', 0.8)
-SMOOTHER = methods('estrada', 0.7)
-
-
 @dataclass(frozen=True, eq=False)
 class Case:
     """Rows of a table: one scene, photographed with several seeds, by several methods."""
@@ -193,52 +171,50 @@ class Case:
     table: str
     row: str
     scene: Scene
-    methods: tuple[StudyMethod, ...]
+    methods: dict[str, Settings]
     seeds: int
     phase_noise: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """Mean figures of one method in one row, how often it refused, and its first trial."""
+    """Mean figures of one method in one row, how often it refused, and its first error map, mm."""
 
     case: Case
-    method: StudyMethod
+    method: str
     figures: Figures
     refused: int
-    first: StudyTrial
-    paper: list[float] | None
+    error_mm: NDArray[np.float64] | None
+
+    @property
+    def paper(self) -> list[float] | None:
+        """Mean absolute error and its standard deviation as the paper has them, mm."""
+        return _PAPER.get((self.case.table, self.case.row, self.method))
 
 
 def cases(quick: bool) -> list[Case]:
     """What is to be measured."""
     many, few = (2, 1) if quick else (20, 3)
-    all_methods = (*ITOH, *ESTRADA, *SMOOTHER, LEAST_SQUARES)
+    paper_alone = ITOH | ESTRADA | SMOOTHER
     found = [
-        Case('section 3', 'phase map', simulated_dent(), all_methods[:-1], many, PHASE_NOISE),
-        Case('section 3', 'light', simulated_dent(PHASE_NOISE), all_methods, many),
-        Case('section 3', 'none', simulated_dent(), all_methods, 1),
+        Case('section 3', 'phase map', simulated_dent(), paper_alone, many, PHASE_NOISE),
+        Case('section 3', 'light', simulated_dent(PHASE_NOISE), _ALL, many),
+        Case('section 3', 'none', simulated_dent(), _ALL, 1),
     ]
     for name in SAMPLES:
         scene = sample(name, STATIC_RIG, 0.6)
-        found.append(Case('static', name, scene, (*ITOH, *ESTRADA, LEAST_SQUARES), few))
+        found.append(Case('static', name, scene, ITOH | ESTRADA | LEAST_SQUARES, few))
     for name in SAMPLES:
         for row, speed in ((f'{name}, dynamic', SPEED), (f'{name}, static', 0.0)):
             scene = sample(name, DYNAMIC_RIG, 1.2, speed)
-            found.append(Case('dynamic', row, scene, (*ESTRADA, LEAST_SQUARES), few))
+            found.append(Case('dynamic', row, scene, ESTRADA | LEAST_SQUARES, few))
     return found
 
 
 def study(quick: bool, progress: Callable[[], object] = lambda: None) -> list[Entry]:
     """Measure every case; `progress` is called once for each photograph and method."""
-    result: list[Entry] = []
-    benches: dict[tuple[str, int], Bench] = {}
-    for case in cases(quick):
-        for method in case.methods:
-            benches.setdefault((method.name, id(case.scene.rig)), Bench(method, case.scene.rig))
-        chosen = [benches[method.name, id(case.scene.rig)] for method in case.methods]
-        result.extend(_measured(case, chosen, progress))
-    return result
+    engines: dict[tuple[str, Rig], Any] = {}
+    return [entry for case in cases(quick) for entry in _measured(case, engines, progress)]
 
 
 def steps(quick: bool) -> int:
@@ -246,60 +222,59 @@ def steps(quick: bool) -> int:
     return sum(case.seeds * len(case.methods) for case in cases(quick))
 
 
-def _measured(case: Case, benches: list[Bench], progress: Callable[[], object]) -> Iterator[Entry]:
+def _measured(
+    case: Case, engines: dict[tuple[str, Rig], Any], progress: Callable[[], object]
+) -> Iterator[Entry]:
     scene, lit = case.scene, case.scene.lit()
-    trials: list[list[StudyTrial]] = [[] for _ in benches]
-    image = scene.photograph(0)
+    figures: dict[str, list[Figures]] = {name: [] for name in case.methods}
+    first: dict[str, NDArray[np.float64] | None] = {}
     for seed in range(case.seeds):
-        noise = None
+        image, noise = scene.photograph(0 if case.phase_noise else seed), None
         if case.phase_noise:
             rng = np.random.default_rng(seed)
             noise = rng.normal(0, case.phase_noise, lit.shape).astype(np.float32)
-        elif seed:
-            image = scene.photograph(seed)
-        for bench, done in zip(benches, trials, strict=True):
-            trial = bench.run(scene, lit, image, noise)
-            # Only the first is drawn; the clouds of the others would fill the memory.
-            done.append(trial if seed == 0 else StudyTrial(trial.figures, None))
+        for name, settings in case.methods.items():
+            at = name, scene.rig
+            if at not in engines:
+                engines[at] = engine(settings, scene.rig)
+                # So that its tables are made before it is timed.
+                trial(engines[at], scene, lit, image)
+            found, error = trial(engines[at], scene, lit, image, noise)
+            figures[name].append(found)
+            # Only the first is drawn; those of the others would fill the memory.
+            first.setdefault(name, error)
             progress()
-    paper = _paper()
-    for bench, done in zip(benches, trials, strict=True):
-        yield Entry(
-            case,
-            bench.method,
-            mean([trial.figures for trial in done]),
-            sum(np.isnan(trial.figures.mae) for trial in done),
-            done[0],
-            paper.get((case.table, case.row, bench.method.name)),
-        )
+    for name, each in figures.items():
+        refused = sum(math.isnan(one.mae) for one in each)
+        yield Entry(case, name, mean(each), refused, first[name])
 
 
-def _paper() -> dict[tuple[str, str, str], list[float]]:
-    """What the paper reports, by table, row and method: MAE and standard deviation in mm."""
-    # Direct, then virtual reference: section 3; tables 3, 4 and 6.
-    reported = (
-        (ITOH, 'section 3', 'phase map', 6.820, 7.174, 3.827, 7.090),
-        (ESTRADA, 'section 3', 'phase map', 7.597, 4.822, 1.591, 1.339),
-        (SMOOTHER, 'section 3', 'phase map', 1.241, 1.047, 1.221, 1.032),
-        (ITOH, 'static', 'A', 0.158, 0.176, 0.126, 0.115),
-        (ITOH, 'static', 'B', 0.167, 0.202, 0.144, 0.151),
-        (ITOH, 'static', 'C', 0.259, 0.616, 0.154, 0.494),
-        (ITOH, 'static', 'D', 0.158, 0.566, 0.144, 0.537),
-        (ESTRADA, 'static', 'A', 0.153, 0.174, 0.120, 0.110),
-        (ESTRADA, 'static', 'B', 0.165, 0.190, 0.135, 0.130),
-        (ESTRADA, 'static', 'C', 0.202, 0.162, 0.115, 0.114),
-        (ESTRADA, 'static', 'D', 0.213, 0.368, 0.124, 0.131),
-        (ESTRADA, 'dynamic', 'A, dynamic', 0.381, 0.456, 0.280, 0.307),
-        (ESTRADA, 'dynamic', 'A, static', 0.504, 0.486, 0.285, 0.217),
-        (ESTRADA, 'dynamic', 'B, dynamic', 0.419, 0.438, 0.309, 0.396),
-        (ESTRADA, 'dynamic', 'B, static', 0.432, 0.329, 0.287, 0.255),
-        (ESTRADA, 'dynamic', 'C, dynamic', 0.436, 0.443, 0.271, 0.265),
-        (ESTRADA, 'dynamic', 'C, static', 0.493, 0.546, 0.320, 0.468),
-        (ESTRADA, 'dynamic', 'D, dynamic', 0.411, 0.394, 0.295, 0.294),
-        (ESTRADA, 'dynamic', 'D, static', 0.370, 0.357, 0.293, 0.401),
-    )
-    return {
-        (table, row, method.name): figures
-        for pair, table, row, *values in reported
-        for method, figures in zip(pair, (values[:2], values[2:]), strict=True)
-    }
+# What the paper reports, mean absolute error and standard deviation in mm, of the direct and the
+# virtual reference: section 3; tables 3, 4 and 6.
+_REPORTED = (
+    (ITOH, 'section 3', 'phase map', 6.820, 7.174, 3.827, 7.090),
+    (ESTRADA, 'section 3', 'phase map', 7.597, 4.822, 1.591, 1.339),
+    (SMOOTHER, 'section 3', 'phase map', 1.241, 1.047, 1.221, 1.032),
+    (ITOH, 'static', 'A', 0.158, 0.176, 0.126, 0.115),
+    (ITOH, 'static', 'B', 0.167, 0.202, 0.144, 0.151),
+    (ITOH, 'static', 'C', 0.259, 0.616, 0.154, 0.494),
+    (ITOH, 'static', 'D', 0.158, 0.566, 0.144, 0.537),
+    (ESTRADA, 'static', 'A', 0.153, 0.174, 0.120, 0.110),
+    (ESTRADA, 'static', 'B', 0.165, 0.190, 0.135, 0.130),
+    (ESTRADA, 'static', 'C', 0.202, 0.162, 0.115, 0.114),
+    (ESTRADA, 'static', 'D', 0.213, 0.368, 0.124, 0.131),
+    (ESTRADA, 'dynamic', 'A, dynamic', 0.381, 0.456, 0.280, 0.307),
+    (ESTRADA, 'dynamic', 'A, static', 0.504, 0.486, 0.285, 0.217),
+    (ESTRADA, 'dynamic', 'B, dynamic', 0.419, 0.438, 0.309, 0.396),
+    (ESTRADA, 'dynamic', 'B, static', 0.432, 0.329, 0.287, 0.255),
+    (ESTRADA, 'dynamic', 'C, dynamic', 0.436, 0.443, 0.271, 0.265),
+    (ESTRADA, 'dynamic', 'C, static', 0.493, 0.546, 0.320, 0.468),
+    (ESTRADA, 'dynamic', 'D, dynamic', 0.411, 0.394, 0.295, 0.294),
+    (ESTRADA, 'dynamic', 'D, static', 0.370, 0.357, 0.293, 0.401),
+)
+
+_PAPER = {
+    (table, row, name): figures
+    for pair, table, row, *values in _REPORTED
+    for name, figures in zip(pair, (values[:2], values[2:]), strict=True)
+}

@@ -23,7 +23,6 @@ from ftp_dent_ros.rig.calibration_record import CalibrationRecord, record_of
 from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.yaml_file import read_yaml
 
-_BLOCKS = ('camera', 'projector', 'extrinsics')
 # Of a camera matrix all but focal lengths and principal point.
 _REST = [0, 0, 0, 0, 1]
 
@@ -178,10 +177,6 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
         names the field.
     """
     data = Fields(read_yaml(path, RigError), f'{path}: ', RigError)
-    if not any(block in data for block in _BLOCKS):
-        raise RigError(
-            f"{path}: holds none of a rig's blocks ({', '.join(_BLOCKS)}): check the path"
-        )
     camera, extrinsics = data.block('camera'), data.block('extrinsics')
     rig = Rig(
         data.made(_lens, camera, 'camera'),

@@ -113,7 +113,6 @@ class Telemetry:
 
     def __init__(self, world: World, boot_ns: int, start_ns: int) -> None:
         self._world, self._boot_ns, self._start_ns = world, boot_ns, start_ns
-        self._ratio = 0.0
         self.messages: dict[int, Callable[[int], Any]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator_status,
@@ -145,17 +144,13 @@ class Telemetry:
         )
 
     def _estimator_status(self, boot_ns: int) -> Any:
-        uptime, faults = self._uptime(boot_ns), self._world.faults
-        if not faults.without_gps(uptime):
-            # A new one with every fix.
-            self._ratio = 0.5 + 0.4 * math.sin(2.4 * (boot_ns // _FIX_NS))
+        without_gps = self._world.faults.without_gps(self._uptime(boot_ns))
+        # As large as a real one's in good weather; others with every fix.
+        fixes = (boot_ns - round(without_gps * _NS)) // _FIX_NS
+        ratios = np.array([0.02, 0.01, 0.0006]) * (0.5 + 0.4 * math.sin(2.4 * fixes))
         # ArduPilot flies on by its inertial sensors for as long before it says so; seconds.
-        is_ready = faults.without_gps(uptime) < 7.0
-        # As large as a real one's in good weather.
-        ratios = np.array([0.02, 0.01, 0.0006]) * self._ratio
-        return mavlink.MAVLink_ekf_status_report_message(
-            _READY if is_ready else _WITHOUT_POSITION, *ratios, 0.02, 0.0
-        )
+        flags = _READY if without_gps < 7.0 else _WITHOUT_POSITION
+        return mavlink.MAVLink_ekf_status_report_message(flags, *ratios, 0.02, 0.0)
 
     def _origin(self, boot_ns: int) -> Any:
         return mavlink.MAVLink_gps_global_origin_message(*_ORIGIN, boot_ns // 1000)

@@ -24,6 +24,8 @@ Field = NDArray[np.float64]
 # crossing; halving the bracket so often leaves 1e-12 of the axes.
 DIRECTIONS = 720
 _ALONG_A_RAY = 400
+# Of the depth, where sizes are told.
+_LEVEL = 0.1
 
 
 def turned(x: NDArray[Any], y: NDArray[Any], angle: float) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -252,7 +254,12 @@ class Dent(Checked):
         """Largest height above or below the skin, metres."""
         return abs(self.depth)
 
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
+    @property
+    def sharp(self) -> float:
+        """Half the side of a square around the centre that holds what is smaller than a pixel."""
+        return self.reach
+
+    def covers(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
         """Mask of panel coordinates where the dent, widened by `margin` metres, is not zero."""
         u, v = self._normalised(x, y)
         shortest = min(self.length, self.width) / 2
@@ -267,20 +274,18 @@ class Dent(Checked):
         c, s = math.cos(self.angle), math.sin(self.angle)
         return self.depth * part, slope_u * c - slope_v * s, slope_u * s + slope_v * c
 
-    sharp = covers
-
     def clean(self, x: Field, y: Field) -> Field:
         """Factor on the paint's albedo at panel coordinates."""
         u, v = self._normalised(x, y)
         # From this part of the depth on a mark is whole.
         return 1 + (self.mark - 1) * np.clip(self.shape.fraction(u, v)[0] / 0.3, 0, 1)
 
-    def size_at(self, level: float = 0.1) -> tuple[float, float]:
-        """Length and width of the contour at a fraction `level` of the depth, metres.
+    def size(self) -> tuple[float, float]:
+        """Length and width of the contour at a tenth of the depth, metres.
 
         The length is the longest distance across it, the width the longest at 90 degrees to that.
         """
-        points = self.outline(level)
+        points = self.outline()
         apart = points[:, None] - points[None]
         square = np.sum(apart * apart, axis=-1)
         first, second = np.unravel_index(np.argmax(square), square.shape)
@@ -288,10 +293,10 @@ class Dent(Checked):
         along_x, along_y = apart[first, second] / length
         return length, float(np.ptp(points @ np.array([-along_y, along_x])))
 
-    def outline(self, level: float = 0.1) -> Field:
-        """Contour at a fraction `level` of the depth, from the centre, shape (720, 2), metres."""
+    def outline(self) -> Field:
+        """Contour at a tenth of the depth, from the centre, shape (720, 2), metres."""
         c, s = math.cos(self.angle), math.sin(self.angle)
-        u, v = _contour(self.shape, level) / 2
+        u, v = _contour(self.shape) / 2
         along, across = u * self.length, v * self.width
         return np.stack([c * along - s * across, s * along + c * across], axis=-1)
 
@@ -339,14 +344,15 @@ class Rivet(Checked):
         """Largest height above or below the skin, metres."""
         return abs(self.groove) + abs(self.proud)
 
-    def covers(self, x: Field, y: Field, margin: float | Field = 0.0) -> NDArray[np.bool_]:
-        """Mask of panel coordinates where it, widened by `margin` metres, is not zero."""
-        return self._within(self.reach + margin, x, y)
-
-    def sharp(self, x: Field, y: Field, margin: float) -> NDArray[np.bool_]:
-        """Mask of panel coordinates within `margin` metres of what changes within a pixel."""
+    @property
+    def sharp(self) -> float:
+        """Half the side of a square around the centre that holds what is smaller than a pixel."""
         # A groove has died out at this many of its half widths.
-        return self._within(self.radius + 4.0 * self.sigma + margin, x, y)
+        return self.radius + 4.0 * self.sigma
+
+    def covers(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
+        """Mask of panel coordinates where it, widened by `margin` metres, is not zero."""
+        return within(self, self.reach + margin, x, y)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
@@ -363,8 +369,13 @@ class Rivet(Checked):
         beyond = (np.hypot(x - self.x, y - self.y) - self.radius) / self.sigma
         return 1 - self.dirt * np.exp(-0.5 * beyond * beyond)
 
-    def _within(self, radius: float | Field, x: Field, y: Field) -> NDArray[np.bool_]:
-        return (x - self.x) ** 2 + (y - self.y) ** 2 < radius * radius
+
+Feature = Dent | Rivet
+
+
+def within(feature: Feature, radius: float | Field, x: Field, y: Field) -> NDArray[np.bool_]:
+    """Mask of panel coordinates nearer than so much to the middle of a dent or rivet, metres."""
+    return (x - feature.x) ** 2 + (y - feature.y) ** 2 < radius * radius
 
 
 def domed_rivet(x: float, y: float, radius: Positive = 0.004, proud: Positive = 0.0012) -> Dent:
@@ -373,17 +384,17 @@ def domed_rivet(x: float, y: float, radius: Positive = 0.004, proud: Positive = 
 
 
 @lru_cache(maxsize=256)
-def _contour(shape: Shape, level: float) -> Field:
-    """Outermost normalised points (u, v) at a fraction of the depth, shape (2, directions)."""
+def _contour(shape: Shape) -> Field:
+    """Outermost normalised points (u, v) at a tenth of the depth, shape (2, directions)."""
     angles = np.linspace(0, 2 * np.pi, DIRECTIONS, endpoint=False)
     direction = np.stack([np.cos(angles), np.sin(angles)])
     radii = np.linspace(0, shape.border, _ALONG_A_RAY)
     u, v = radii[:, None] * direction[:, None]
-    above = shape.fraction(u, v)[0] > level
+    above = shape.fraction(u, v)[0] > _LEVEL
     last = _ALONG_A_RAY - 1 - np.argmax(above[::-1], axis=0)
     low, high = radii[last], radii[np.minimum(last + 1, _ALONG_A_RAY - 1)]
     for _ in range(32):
         middle = (low + high) / 2
-        inside = shape.fraction(*(middle * direction))[0] > level
+        inside = shape.fraction(*(middle * direction))[0] > _LEVEL
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
     return direction * low

@@ -131,10 +131,8 @@ class Dirt(Checked):
     angle: float = 0.0
 
     smooth = True
-
-    def covers(self, x: Image, _: Image) -> NDArray[np.bool_]:
-        """Mask of panel coordinates that it may change: all."""
-        return np.ones(x.shape, bool)
+    x = y = 0.0
+    reach = math.inf
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
@@ -177,10 +175,11 @@ class PaintPatch(Checked):
 
     smooth = False
 
-    def covers(self, x: Image, y: Image) -> NDArray[np.bool_]:
-        """Mask of panel coordinates that it may change."""
+    @property
+    def reach(self) -> float:
+        """Half the side of a square around the centre that holds it, metres."""
         ramp = 1 + 2 * _SHARP / min(self.length, self.width)
-        return _within(self, math.hypot(self.length, self.width) / 2 * ramp, x, y)
+        return math.hypot(self.length, self.width) / 2 * ramp
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
@@ -220,10 +219,10 @@ class Lettering(Checked):
 
     smooth = False
 
-    def covers(self, x: Image, y: Image) -> NDArray[np.bool_]:
-        """Mask of panel coordinates that it may change."""
-        pixels = math.hypot(*letters_of(self.text).shape)
-        return _within(self, pixels / 2 * self.height / LETTER, x, y)
+    @property
+    def reach(self) -> float:
+        """Half the side of a square around the centre that holds it, metres."""
+        return math.hypot(*letters_of(self.text).shape) / 2 * self.height / LETTER
 
     def factor(self, x: Image, y: Image) -> Image:
         """At panel coordinates, metres."""
@@ -266,10 +265,6 @@ def scratches(count: Count, extent: Quadruple, seed: Count = 0) -> tuple[PaintPa
 Mark = Dirt | PaintPatch | Lettering
 
 
-def _within(mark: PaintPatch | Lettering, half: float, x: Image, y: Image) -> NDArray[np.bool_]:
-    return (np.abs(x - mark.x) < half) & (np.abs(y - mark.y) < half)
-
-
 def _from_centre(mark: PaintPatch | Lettering, x: Image, y: Image) -> tuple[Image, Image]:
     """Coordinates along and across a mark from its centre, metres, float32."""
     dx, dy = (x - mark.x).astype(np.float32), (y - mark.y).astype(np.float32)
@@ -277,9 +272,7 @@ def _from_centre(mark: PaintPatch | Lettering, x: Image, y: Image) -> tuple[Imag
 
 
 def _tinted(cover: Image, tint: Colour) -> Image:
-    """Factor where a mark covers a part of what is seen."""
-    if min(tint) == max(tint):
-        return 1 - cover * np.float32(1 - tint[0])
+    """Factor on red, green and blue where a mark covers a part of what is seen."""
     return np.stack([1 - cover * np.float32(1 - part) for part in tint])
 
 
@@ -311,8 +304,6 @@ class Paint(Checked):
     def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
         """Mask of panel coordinates beyond the paint's edge."""
         n_x, n_y, offset = self.edge
-        if not (n_x or n_y):
-            return np.full(x.shape, offset < 0)
         return n_x * x + n_y * y > offset
 
     def specular(self, normal: NDArray, to_light: NDArray, to_eye: NDArray) -> NDArray[np.float64]:

@@ -164,7 +164,7 @@ def drift_of(
     drift = np.zeros((4, *grid.shape), np.float32)
     for index, panel in enumerate(surface.panels):
         begin, end = (
-            np.stack(sight(rig, panel, motion.rays(nodes, [moment]), photometry, bare=True)[1:5])
+            np.stack(sight(rig, panel.bare, motion.rays(nodes, [moment]), photometry)[1:5])
             for moment in (-0.5, 0.5)
         )
         change = np.nan_to_num(end - begin).reshape(4, *grid.node_rays.shape[:2])

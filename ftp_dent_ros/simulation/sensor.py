@@ -44,8 +44,6 @@ class Photometry(Checked):
         Light is (grey level / 255) to this power.
     speckle_contrast : float
         Standard deviation of a laser's speckle over its mean, in camera pixels; 0 is a lamp.
-    speckle_size_px : float
-        Standard deviation of the blur that makes speckle correlated, camera pixels.
     phase_noise_px : float
         White noise on the projector column that a camera pixel sees, projector pixels: the
         noise on the phase that the paper's simulation adds, times T_p / (2 pi).
@@ -82,7 +80,6 @@ class Photometry(Checked):
     projector_black: Share = 0.01
     projector_gamma: Positive = 1.0
     speckle_contrast: Share = 0.0
-    speckle_size_px: NotNegative = 0.5
     phase_noise_px: NotNegative = 0.0
     psf_px: NotNegative = 0.4
     full_well: Positive = 12000.0
@@ -121,7 +118,8 @@ def speckle(shape: tuple[int, ...], photometry: Photometry, rng: np.random.Gener
     The log-normal of small contrast is close to the gamma distribution of averaged speckle.
     """
     white = rng.standard_normal(shape, np.float32)
-    grains = np.stack([blur(channel, photometry.speckle_size_px) for channel in white])
+    # Half a pixel's blur correlates neighbours, as a lens does.
+    grains = np.stack([blur(channel, 0.5) for channel in white])
     grains /= grains.std()
     sigma2 = math.log1p(photometry.speckle_contrast**2)
     return np.exp(math.sqrt(sigma2) * grains - sigma2 / 2)

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.fields import Checked, NotNegative, Positive, Quadruple
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.simulation.dents import Dent, Rivet
+from ftp_dent_ros.simulation.dents import Dent, Feature, Rivet, within
 from ftp_dent_ros.simulation.paint import Paint, Sunlight
 
 Field = NDArray[np.float64]
-Feature = Dent | Rivet
 Height = Callable[[Field, Field], tuple[Field, Field, Field]]
 
 # The part of a cylinder's radius that a panel may reach sideways.
@@ -105,7 +104,7 @@ class Panel(Checked):
     cylinder_radius: NotNegative = 0.0
     paint: Paint = field(default_factory=Paint)
     dents: tuple[Dent, ...] = ()
-    rivets: tuple[Feature, ...] = ()
+    rivets: tuple[Dent | Rivet, ...] = ()
     waves: tuple[Wave, ...] = ()
     sunlight: tuple[Sunlight, ...] = ()
 
@@ -124,6 +123,11 @@ class Panel(Checked):
         """Dents and rivets."""
         return (*self.dents, *self.rivets)
 
+    @property
+    def bare(self) -> Panel:
+        """The same panel without dents and rivets."""
+        return replace(self, dents=(), rivets=())
+
     def near(self, x: Field, y: Field, margin: float = 0.0) -> Panel:
         """The same panel with only those features that may touch the box around (x, y)."""
         low_x, high_x = x.min(initial=np.inf) - margin, x.max(initial=-np.inf) + margin
@@ -138,7 +142,7 @@ class Panel(Checked):
         return replace(self, dents=dents, rivets=rivets)
 
     def covered(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
-        """Mask of panel coordinates of shape (n,) that a feature, widened by `margin`, covers."""
+        """Mask of panel coordinates of shape (n,) within `margin` metres of a feature."""
         mask = np.zeros(len(x), bool)
         for feature in self.features:
             mask |= feature.covers(x, y, margin)
@@ -178,12 +182,9 @@ class Panel(Checked):
             part[at] *= feature.clean(x[at], y[at])
         return part
 
-    def normal(self, x: Field, y: Field, bare: bool = False) -> Field:
-        """Unit normals out of the aircraft in the parent frame, shape (n, 3).
-
-        Those of the skin without its features if `bare`.
-        """
-        _, along_x, along_y = self.bare_height(x, y) if bare else self.height(x, y)
+    def normal(self, x: Field, y: Field) -> Field:
+        """Unit normals out of the aircraft in the parent frame, shape (n, 3)."""
+        _, along_x, along_y = self.height(x, y)
         length = np.sqrt(1 + along_x * along_x + along_y * along_y)
         normal = np.stack([along_x, along_y, np.full_like(along_x, -1.0)]) / length
         return (self.pose.rotation.as_matrix() @ normal).T
@@ -244,7 +245,7 @@ class Panel(Checked):
 
     def _footprints(self, x: Field, y: Field) -> Iterator[tuple[Feature, NDArray[np.intp]]]:
         for feature in self.features:
-            at = np.flatnonzero(feature.covers(x, y))
+            at = np.flatnonzero(within(feature, feature.reach, x, y))
             if len(at):
                 yield feature, at
 
@@ -267,50 +268,44 @@ def signed_distance(panel: Panel, points: Field) -> Field:
     The closest point lies within the extent. To 1e-6 m for points within a few millimetres
     of the skin; of points far away the nearest of several dents may be missed.
     """
-    x_min, x_max, y_min, y_max = panel.extent
     at = panel.pose.inverse().apply(points)
-    foot = at[:, 0]
+    foot = at[:, :2].copy()
     if panel.cylinder_radius:
         below = np.maximum(panel.cylinder_radius - at[:, 2], 1e-9)
-        foot = panel.cylinder_radius * foot / np.hypot(foot, below)
-    x, y = np.clip(foot, x_min, x_max), np.clip(at[:, 1], y_min, y_max)
-    distance = _signed(at, x, y, panel.bare_height(x, y)[0])
+        foot[:, 0] *= panel.cylinder_radius / np.hypot(foot[:, 0], below)
+    foot = np.clip(foot, panel.extent[::2], panel.extent[1::2])
+    distance = _signed(at, foot, panel.bare_height(*foot.T)[0])
     margin = np.abs(distance) + panel.rise
-    local = panel.near(x, y, float(margin.max(initial=0.0)))
-    near = np.flatnonzero(local.covered(x, y, margin) | bool(panel.waves))
+    local = panel.near(foot[:, 0], foot[:, 1], float(margin.max(initial=0.0)))
+    near = np.flatnonzero(local.covered(foot[:, 0], foot[:, 1], margin) | bool(panel.waves))
     if len(near):
-        distance[near] = _refined(local, at[near], x[near], y[near])
+        distance[near] = _refined(local, at[near], foot[near])
     return distance
 
 
-def _signed(at: Field, x: Field, y: Field, height: Field) -> Field:
+def _signed(at: Field, foot: Field, height: Field) -> Field:
     """Distances of points (n, 3) from others on the panel, with the sign of their side."""
-    dx, dy, dz = at[:, 0] - x, at[:, 1] - y, at[:, 2] - height
-    return np.copysign(np.sqrt(dx * dx + dy * dy + dz * dz), dz)
+    away = at - np.column_stack([foot, height])
+    return np.copysign(np.sqrt((away * away).sum(axis=1)), away[:, 2])
 
 
-def _refined(panel: Panel, at: Field, x: Field, y: Field) -> Field:
-    """Signed distances of points (n, 3) in the panel's frame, from feet near theirs."""
-    x_min, x_max, y_min, y_max = panel.extent
-    radius = panel.cylinder_radius
-    best = np.full(len(x), np.inf)
+def _refined(panel: Panel, at: Field, foot: Field) -> Field:
+    """Signed distances of points (n, 3) in the panel's frame, from feet (n, 2) near theirs."""
+    best = np.full(len(foot), np.inf)
+    # Gauss-Newton on the squared distance, with the curvature of the bare skin added.
     for _ in range(_ITERATIONS):
-        height, hx, hy = panel.height(x, y)
-        distance = _signed(at, x, y, height)
+        height, *slopes = panel.height(*foot.T)
+        distance = _signed(at, foot, height)
         best = np.where(np.abs(distance) < np.abs(best), distance, best)
-        # Gauss-Newton on the squared distance, with the curvature of the bare skin added.
-        dx, dy, dz = at[:, 0] - x, at[:, 1] - y, at[:, 2] - height
-        bend = np.zeros(len(x))
-        if radius:
-            bend = np.minimum(dz * radius**2 / (radius**2 - x * x) ** 1.5, 0.8)
-        xx, xy, yy = 1 + hx * hx - bend, hx * hy, 1 + hy * hy
-        gradient_x, gradient_y = dx + hx * dz, dy + hy * dz
-        determinant = xx * yy - xy * xy
-        step_x = (yy * gradient_x - xy * gradient_y) / determinant
-        step_y = (xx * gradient_y - xy * gradient_x) / determinant
-        x = np.clip(x + step_x, x_min, x_max)
-        y = np.clip(y + step_y, y_min, y_max)
-        if max(np.abs(step_x).max(), np.abs(step_y).max()) < _CONVERGED:
+        slope, above = np.stack(slopes, axis=1), at[:, 2] - height
+        normal = np.eye(2) + slope[:, :, None] * slope[:, None]
+        if panel.cylinder_radius:
+            bend = panel.cylinder_radius**2 / (panel.cylinder_radius**2 - foot[:, 0] ** 2) ** 1.5
+            normal[:, 0, 0] -= np.minimum(above * bend, 0.8)
+        gradient = at[:, :2] - foot + slope * above[:, None]
+        step = np.linalg.solve(normal, gradient[..., None])[..., 0]
+        foot = np.clip(foot + step, panel.extent[::2], panel.extent[1::2])
+        if np.abs(step).max() < _CONVERGED:
             break
     return best
 
@@ -330,26 +325,24 @@ class Surface:
         """The same surface in the parent frame of `pose`."""
         return Surface(tuple(replace(panel, pose=pose @ panel.pose) for panel in self.panels))
 
-    def intersect(self, rays: ArrayLike, origin: ArrayLike = (0, 0, 0)) -> NDArray[np.float64]:
-        """Where rays first meet the surface.
+    def intersect(self, rays: ArrayLike) -> NDArray[np.float64]:
+        """Where rays from the origin first meet the surface.
 
         Parameters
         ----------
         rays : ndarray, shape (..., 3)
             Directions; with z = 1 and the origin in the camera, the result is the depth.
-        origin : ndarray, shape (3,)
 
         Returns
         -------
         ndarray, shape (...)
-            The surface is at ``origin + result * ray``; NaN where the ray meets nothing.
+            The surface is at ``result * ray``; NaN where the ray meets nothing.
         """
         rays = np.asarray(rays, float)
         flat = rays.reshape(-1, 3)
-        start = np.asarray(origin, float)
         nearest = np.full(len(flat), np.inf)
         for panel in self.panels:
-            _, (scale, x, y) = panel.hit(start, flat)
+            _, (scale, x, y) = panel.hit(np.zeros(3), flat)
             nearest = np.fmin(nearest, np.where(panel.contains(x, y), scale, np.inf))
         nearest[np.isinf(nearest)] = np.nan
         return nearest.reshape(rays.shape[:-1])
@@ -402,7 +395,8 @@ def paint_on(
     factor = np.ones((3 if False in kinds else 1, *tone.shape), np.float32)
     for index, panel in enumerate(surface.panels):
         for mark in panel.paint.marks:
-            at = (tone // 2 == index) & mark.covers(x, y) & (mark.smooth in kinds)
+            near = (np.abs(x - mark.x) < mark.reach) & (np.abs(y - mark.y) < mark.reach)
+            at = (tone // 2 == index) & near & (mark.smooth in kinds)
             if at.any():
                 factor[:, at] *= mark.factor(x[at], y[at])
     return factor

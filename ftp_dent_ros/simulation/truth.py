@@ -59,7 +59,7 @@ def _true_dent(panel: Panel, dent: Dent) -> TrueDent:
     angles = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
     along = np.array([np.cos(dent.angle), np.sin(dent.angle)])
     across = np.array([-along[1], along[0]])
-    length, width = dent.size_at(0.1)
+    length, width = dent.size()
 
     def on_skin(offsets: NDArray) -> NDArray[np.float64]:
         x, y = (np.array([dent.x, dent.y]) + offsets).T
@@ -68,7 +68,7 @@ def _true_dent(panel: Panel, dent: Dent) -> TrueDent:
 
     a, b = dent.length / 2 * np.cos(angles), dent.width / 2 * np.sin(angles)
     (centre,) = on_skin(np.zeros((1, 2)))
-    (normal,) = panel.normal(np.array([dent.x]), np.array([dent.y]), bare=True)
+    (normal,) = panel.bare.normal(np.array([dent.x]), np.array([dent.y]))
     into = panel.pose.rotation.apply([0.0, 0.0, 1.0])
     (ahead,) = on_skin(1e-4 * along[None])
     return TrueDent(
@@ -80,7 +80,7 @@ def _true_dent(panel: Panel, dent: Dent) -> TrueDent:
         depth=float(-dent.depth * (into @ normal)),
         length=length,
         width=width,
-        outline=on_skin(dent.outline(0.1)[:: DIRECTIONS // _CORNERS]),
+        outline=on_skin(dent.outline()[:: DIRECTIONS // _CORNERS]),
         border=on_skin(a[:, None] * along + b[:, None] * across),
     )
 
@@ -89,7 +89,6 @@ def match_truth(
     found: ArrayLike,
     true: ArrayLike,
     reach: ArrayLike,
-    may_be: NDArray[np.bool_] | None = None,
 ) -> dict[int, int]:
     """Pairs of true and found places, as many as can be, and of these the nearest by their reach.
 
@@ -101,8 +100,6 @@ def match_truth(
         In the same frame.
     reach : array_like, broadcast to shape (n, m)
         How far a found place may lie off a true one, metres.
-    may_be : ndarray, shape (n, m), bool, optional
-        What else a pair has to be.
 
     Returns
     -------
@@ -112,8 +109,6 @@ def match_truth(
     places = [np.asarray(each, float).reshape(-1, 3) for each in (found, true)]
     apart = cdist(*places)
     allowed = apart <= np.broadcast_to(np.asarray(reach, float), apart.shape)
-    if may_be is not None:
-        allowed &= may_be
     # What a pair costs that cannot be: more than all that can, each of which costs 1 at most.
     cost = np.divide(apart, reach, out=np.full(apart.shape, 1e6), where=allowed)
     rows, columns = linear_sum_assignment(cost)

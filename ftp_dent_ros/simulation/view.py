@@ -14,9 +14,10 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.rig.rig import Lens, Rig
+from ftp_dent_ros.simulation.dents import Feature, within
 from ftp_dent_ros.simulation.paint import dot
 from ftp_dent_ros.simulation.sensor import Photometry
-from ftp_dent_ros.simulation.surface import Feature, Panel, Surface
+from ftp_dent_ros.simulation.surface import Panel, Surface
 
 Field = NDArray[np.float64]
 
@@ -234,20 +235,13 @@ def look(rig: Rig, surface: Surface, rays: Rays, photometry: Photometry) -> View
     return first_seen(rig, surface, sights, rays.directions)
 
 
-def sight(rig: Rig, panel: Panel, rays: Rays, photometry: Photometry, bare: bool = False) -> Sight:
-    """What rays see of one panel, beyond its extent too; NaN where they miss.
-
-    If `bare`, its dents and rivets are left out.
-    """
-    if bare:
-        scale, x, y = panel.hit_bare(rays.origin, rays.towards)
-    else:
-        panel, (scale, x, y) = panel.hit(rays.origin, rays.towards)
+def sight(rig: Rig, panel: Panel, rays: Rays, photometry: Photometry) -> Sight:
+    """What rays see of one panel, beyond its extent too; NaN where they miss."""
+    panel, (scale, x, y) = panel.hit(rays.origin, rays.towards)
     points = scale[:, None] * rays.directions
     u, v = projector_pixel(rig, points)
-    diffuse, specular = _brightness(rig, panel, points, x, y, photometry, bare)
-    clean = np.ones_like(x) if bare else panel.clean(x, y)
-    return scale, x, y, u, v, diffuse, specular, clean
+    diffuse, specular = _brightness(rig, panel, points, x, y, photometry)
+    return scale, x, y, u, v, diffuse, specular, panel.clean(x, y)
 
 
 def first_seen(rig: Rig, surface: Surface, sights: list[Sight], rays: NDArray) -> View:
@@ -294,14 +288,14 @@ def _corner(lens: Lens) -> float:
 
 
 def _brightness(
-    rig: Rig, panel: Panel, points: Field, x: Field, y: Field, photometry: Photometry, bare: bool
+    rig: Rig, panel: Panel, points: Field, x: Field, y: Field, photometry: Photometry
 ) -> tuple[Field, Field]:
     """Diffuse and specular brightness of points of shape (n, 3) seen from the camera."""
     to_light = rig.projector_centre - points
     distance = np.sqrt(dot(to_light, to_light))
     to_light /= distance[:, None]
     to_eye = points / -np.sqrt(dot(points, points))[:, None]
-    normal = panel.normal(x, y, bare)
+    normal = panel.normal(x, y)
     if not photometry.shading:
         diffuse = np.ones(len(points))
     else:
@@ -378,7 +372,7 @@ def broken_pixels(rig: Rig, surface: Surface, view: View, sweep: float) -> list[
 
 def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> Sight:
     """Sight of one panel at every pixel; NaN where it is not seen."""
-    coarse = sight(rig, panel, still(grid.node_rays.reshape(-1, 3)), photometry, bare=True)
+    coarse = sight(rig, panel.bare, still(grid.node_rays.reshape(-1, 3)), photometry)
     missing = ~np.isfinite(sum(coarse)).reshape(grid.node_rays.shape[:2])
     if missing.all():
         return tuple(np.full(grid.shape, np.nan) for _ in coarse)
@@ -429,5 +423,5 @@ def _on_fitting(
     _, x, y = (part.reshape(rays.shape[:2]) for part in panel.hit_bare(_EYE, rays.reshape(-1, 3)))
     steps = (np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)) for i in (0, 1))
     pixel = max(step.max(initial=0.0) for step in steps)
-    rows, columns = np.nonzero(fitting.sharp(x, y, reach * pixel))
+    rows, columns = np.nonzero(within(fitting, fitting.sharp + reach * pixel, x, y))
     return (rows + window[0].start) * lens.width + columns + window[1].start

@@ -6,15 +6,12 @@ from boards import random_pose, true_correspondences
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.guidance import covered, next_pose, projector_delay
 from ftp_dent_ros.calibration.observing import Observation
-from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.rig.rig import read_rig
 
 BOARD = Board(7, 6, 0.03)
 SIZE = 1280, 720
 
 
-def test_the_next_pose_is_one_that_both_see_and_that_helps():
-    rig = read_rig(config_folder() / 'rig.yaml')
+def test_the_next_pose_is_one_that_both_see_and_that_helps(rig):
     rng = np.random.default_rng(4)
     seen = []
     known = []

@@ -12,18 +12,12 @@ from ftp_dent_ros.calibration.observing import Observation
 from ftp_dent_ros.calibration.page import write_page
 from ftp_dent_ros.calibration.solving import STEPS, solve
 from ftp_dent_ros.errors import CalibrationError
-from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import read_rig, write_rig
 
 BOARD = Board(7, 6, 0.035)
 NOISE = 0.03, 0.02
 SIZE = 1280, 720
-
-
-@pytest.fixture(scope='module')
-def rig():
-    return read_rig(config_folder() / 'rig.yaml')
 
 
 def observe(rig, count=9, seed=3, board=BOARD):

@@ -150,8 +150,8 @@ def test_other_photographs_are_taken_for_what_they_are(
 @pytest.mark.parametrize(
     ('pixels', 'encoding', 'said'),
     [
-        (GREY, 'bayer_rggb8', 'has three levels a pixel, which is not bayer_rggb8'),
-        (GREY[..., 0], 'bayer_rggb12', 'has levels of 8 bits, not bayer_rggb12'),
+        (GREY, 'bayer_rggb8', 'three levels of 8 bits a pixel, which is not bayer_rggb8'),
+        (GREY[..., 0], 'bayer_rggb12', 'one level of 8 bits a pixel, which is not bayer_rggb12'),
         (GREY[..., 0], 'yuv', "the encoding is 'yuv': give mono, rgb or bayer_"),
         (GREY[..., 0].astype(np.uint16) * 50, 'bayer_rggb12', 'level 4500, more than 12 bits'),
     ],

@@ -52,11 +52,11 @@ def test_no_false_call_on_ten_square_metres_is_at_most_a_third_a_metre():
 
 def test_the_sentence_says_what_it_holds_for():
     trials = []
-    for number, (skin, limit) in enumerate((('clean', 6e-5), ('dirty', 1.2e-4))):
+    for skin, limit in (('clean', 6e-5), ('dirty', 1.2e-4)):
         depths = np.geomspace(2e-5, 1e-3, 60)
         dents = [[depth, 0.03, int(depth > limit), float(depth)] for depth in depths]
-        trials.append(Trial(number, 0.8, skin, 'usual', 0.2, dents, 0, 0))
-    trials.append(Trial(-1, 0.8, 'rivets', 'usual', 5.0, [], 1, 2))
+        trials.append(Trial(0.8, skin, 0.2, dents, 0, 0))
+    trials.append(Trial(0.8, 'rivets', 5.0, [], 1, 2))
     rows, blanks = rows_of(trials), blanks_of(trials)
     words = sentence(rows, blanks, 5e-5)
     assert 'simulation' in words and '0.8 m' in words and '30 mm' in words

@@ -5,15 +5,10 @@ import pytest
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.evaluation.scenes import simulated_dent
-from ftp_dent_ros.evaluation.study import (
-    Bench,
-    Figures,
-    mean,
-    methods,
-)
+from ftp_dent_ros.evaluation.study import ITOH, Figures, engine, mean, trial
 
 SCENE = simulated_dent()
-VIRTUAL = methods('itoh')[1]
+BLACK = np.zeros((720, 1280, 3), np.uint8)
 
 
 @pytest.fixture(scope='module')
@@ -35,30 +30,27 @@ class Perfect:
         return self
 
 
-def figures_of(reconstruction, lit):
-    bench = Bench(VIRTUAL, SCENE.rig)
-    bench._method = reconstruction
-    return bench.run(SCENE, lit, np.zeros((720, 1280, 3), np.uint8)).figures
-
-
 def test_an_offset_is_an_error_but_no_bias_of_the_depth(lit):
-    figures = figures_of(Perfect(offset=1e-4), lit)
+    figures, _ = trial(Perfect(offset=1e-4), SCENE, lit, BLACK)
     assert figures.mae == pytest.approx(0.1, rel=0.01)
     assert figures.deviation < 0.01 and figures.coverage == 1.0
     assert figures.depth_bias == pytest.approx(0, abs=0.02)
 
 
 def test_a_dent_that_comes_out_too_deep_has_a_positive_bias(lit):
-    figures = figures_of(Perfect(deeper=2e-4), lit)
+    figures, _ = trial(Perfect(deeper=2e-4), SCENE, lit, BLACK)
     assert figures.depth_bias == pytest.approx(0.2, abs=0.03)
     assert figures.dent_mae > 5 * figures.mae
 
 
-def test_what_is_refused_has_no_figures(lit):
-    black = np.zeros((720, 1280, 3), np.uint8)
-    trial = Bench(VIRTUAL, SCENE.rig).run(SCENE, lit, black)
-    assert np.isnan(trial.figures.mae) and trial.figures.coverage == 0
-    assert trial.error_mm is None
+def test_noise_is_on_the_phase_of_one_photograph_alone_and_what_is_refused_has_no_figures(lit):
+    direct, image = engine(next(iter(ITOH.values())), SCENE.rig), SCENE.photograph()
+    clean, _ = trial(direct, SCENE, lit, image)
+    noise = np.random.default_rng(0).normal(0, 0.6, lit.shape).astype(np.float32)
+    noisy, error = trial(direct, SCENE, lit, image, noise)
+    assert np.isnan(noisy.mae) and noisy.coverage == 0 and error is None
+    again, _ = trial(direct, SCENE, lit, image)
+    assert again.mae == clean.mae < 0.05
 
 
 def test_the_mean_is_of_what_was_not_refused():

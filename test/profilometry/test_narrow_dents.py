@@ -17,7 +17,7 @@ FRINGE = 10.0 / 1890.0 * 0.8  # metres
 
 def of_dents(shading):
     """Errors over sigma in dents, some on bright, some on dark fringes, and beside them."""
-    part, _ = Dent(0, 0, 1, 1, 1, 0, Gaussian()).size_at(0.1)
+    part, _ = Dent(0, 0, 1, 1, 1, 0, Gaussian()).size()
     size = 3 * FRINGE / part
     # Columns are 5.3 fringes apart: each stands at another phase.
     dents = tuple(

@@ -58,6 +58,7 @@ def flat(**options):
 @pytest.mark.parametrize('radius', [0.0, 0.7])
 def test_levels_are_those_of_a_plain_renderer(rig, pattern, noiseless, radius):
     plain, surface = both(radius=radius)
+    rig = replace_lens(rig, width=64, height=44, shift=(-16, -10))
     image = render(rig, pattern.draw(), surface, noiseless)
     expected = photograph(rig, pattern.draw(), plain, noiseless, fine=5)
     assert expected.max() > 150

@@ -11,12 +11,17 @@ from ftp_dent_ros.yaml_file import read_yaml
 
 
 @pytest.fixture
-def world_of(tmp_path):
-    """The world of the shipped scene with other panels."""
+def world_with(tmp_path):
+    """The world of the shipped scene with another value at a path; None leaves the field out."""
 
-    def build(panels):
-        scene = read_yaml(find('shipped:scene.yaml'), ConfigurationError)
-        scene['panels'] = panels
+    def build(path, value):
+        scene = block = read_yaml(find('shipped:scene.yaml'), ConfigurationError)
+        *parents, name = path
+        for parent in parents:
+            block = block[parent]
+        block[name] = value
+        if value is None:
+            del block[name]
         file = tmp_path / 'scene.yaml'
         file.write_text(yaml.safe_dump(scene))
         return read_world(file)
@@ -24,23 +29,34 @@ def world_of(tmp_path):
     return build
 
 
-def panel(**fields):
-    pose = {'translation': [0, 0, 0], 'rpy': [-np.pi / 2, 0, -np.pi / 2]}
-    return {'pose': pose, 'extent': [-0.5, 0.5, -0.5, 0.5], **fields}
+@pytest.mark.parametrize(
+    ('path', 'value', 'words'),
+    [
+        (['panels'], [], 'panels is []: give one panel or more'),
+        (['panels', 0, 'extent'], [1, 0, 0, 1], 'extent is (1.0, 0.0, 0.0, 1.0): give x_min'),
+        (['panels', 0, 'pose'], None, 'panels[0].pose is missing: add it'),
+        (['panels', 0, 'pose', 'rpy'], [0, 0], 'pose.rpy is [0, 0]: give 3 finite numbers'),
+        (['panels', 0, 'dents', 1, 'width'], 0, 'dents[1].width is 0: give a finite number'),
+        (
+            ['panels', 0, 'dents', 1, 'shape'],
+            'star',
+            "shape is 'star': give one of smooth",
+        ),
+        (['panels', 0, 'rivet_rows', 0, 'count'], 1.5, 'rivet_rows[0].count is 1.5: give a'),
+        (['panels', 0, 'paint', 'marks', 0, 'contrast'], 'much', "marks[0].contrast is 'much': "),
+        (['flight', 'wobble'], [0, 0, 2], 'flight.wobble is [0, 0, 2]: give 3 finite numbers'),
+        (['weather'], 'fine', 'weather is unknown: remove it'),
+    ],
+)
+def test_a_wrong_field_is_named_in_one_sentence(world_with, tmp_path, path, value, words):
+    with pytest.raises(ConfigurationError) as refusal:
+        world_with(path, value)
+    sentence = str(refusal.value)
+    assert sentence.startswith(f'{tmp_path}/scene.yaml: ') and '\n' not in sentence
+    assert words in sentence
 
 
-def test_rivets_stand_in_a_row_of_equal_steps(world_of):
-    row = {'first': [-0.02, 0.01], 'step': [0.02, 0.0], 'count': 3, 'radius': 0.003}
-    world = world_of([panel(rivet_rows=[row])])
-    rivets = world.surface.panels[0].rivets
-    np.testing.assert_allclose(
-        [(r.x, r.y) for r in rivets], [(-0.02, 0.01), (0, 0.01), (0.02, 0.01)]
-    )
-    assert {(r.radius, r.groove, r.sigma) for r in rivets} == {(0.003, 80e-6, 250e-6)}
-
-
-def test_skins_marks_fittings_and_shapes_by_their_names(world_of):
-    """Each part is what its class says, and a wrong field is named with its place."""
+def test_skins_marks_fittings_and_shapes_by_their_names(world_with):
     place = {'x': 0.0, 'y': 0.0}
     size = {'length': 0.04, 'width': 0.01}
     names = 'smooth', 'cosine', 'gaussian', 'cap', 'flat', 'crater', 'oil_can', 'crease', 'gouge'
@@ -56,18 +72,17 @@ def test_skins_marks_fittings_and_shapes_by_their_names(world_of):
         'waves': [{'amplitude': 0.0001, 'wavelength': 0.1}],
         'sunlight': [{'level': 0.5, 'edge': [1, 0, 0], 'softness': 0.004}],
         'rivet_rows': [
-            {'kind': kind, 'first': [0, 0], 'step': [0.02, 0], 'count': 2}
+            {'kind': kind, 'first': [-0.02, 0.01], 'step': [0.02, 0], 'count': 2, 'radius': 0.003}
             for kind in ('flush', 'domed')
         ],
     }
-    (skin,) = world_of([panel(**fields)]).surface.panels
+    pose = {'translation': [0, 0, 0], 'rpy': [-np.pi / 2, 0, -np.pi / 2]}
+    whole = {'pose': pose, 'extent': [-0.5, 0.5, -0.5, 0.5], **fields}
+    (skin,) = world_with(['panels'], [whole]).surface.panels
     assert len({type(dent.shape) for dent in skin.dents}) == 8
     assert [dent.kind for dent in skin.dents[-2:]] == ['crease', 'gouge']
     assert len(skin.paint.marks) == 7
-    assert len(skin.rivets) == 4
+    assert [(each.x, each.y) for each in skin.rivets] == 2 * [(-0.02, 0.01), (0, 0.01)]
+    flush = skin.rivets[0]
+    assert (flush.radius, flush.groove, flush.sigma) == (0.003, 80e-6, 250e-6)
     assert (len(skin.waves), len(skin.sunlight)) == (1, 1)
-    fields['paint']['marks'][0]['contrast'] = 'much'
-    with pytest.raises(ConfigurationError, match=r"marks\[0\].contrast is 'much': give a finite"):
-        world_of([panel(**fields)])
-    with pytest.raises(ConfigurationError, match=r"shape is 'star': give one of smooth, cosine"):
-        world_of([panel(dents=[{'shape': 'star', 'depth': 0.001, **place, **size}])])

@@ -63,9 +63,4 @@ def test_the_nearest_within_reach_is_taken_once(found, pairs):
 def test_no_found_place_is_left_out_for_a_nearer_one():
     # The middle one is nearest to both, the other is the first one's alone.
     assert match_truth(at(0.014, -0.016), TRUE, 0.02) == {0: 1, 1: 0}
-
-
-def test_what_may_not_be_a_pair_is_none():
-    may_be = np.array([[False, True, True]])
-    assert match_truth(at(0.0), TRUE, 0.05, may_be) == {1: 0}
     assert match_truth(at(0.0), (), 0.05) == {}

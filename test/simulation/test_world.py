@@ -6,14 +6,12 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-import yaml
+from boards import true_correspondences
 
 from ftp_dent_ros.calibration.board import Board
-from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.rig.rig import read_rig
 from ftp_dent_ros.simulation.world import LiveWorld, read_world
-from ftp_dent_ros.yaml_file import read_yaml
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -21,37 +19,6 @@ START_NS = 1_700_000_000_000_000_000
 @pytest.fixture(scope='module')
 def world():
     return read_world('shipped:scene.yaml', START_NS)
-
-
-@pytest.fixture(scope='module')
-def scene():
-    return read_yaml(find('shipped:scene.yaml'), ConfigurationError)
-
-
-@pytest.fixture
-def refused(tmp_path, scene):
-    """The sentence with which a changed scene is refused."""
-
-    def message(path, value):
-        changed = yaml.safe_load(yaml.safe_dump(scene))
-        *parents, name = path
-        block = changed
-        for parent in parents:
-            block = block[parent]
-        if value is None:
-            del block[name]
-        else:
-            block[name] = value
-        file = tmp_path / 'changed.yaml'
-        file.write_text(yaml.safe_dump(changed))
-        with pytest.raises(ConfigurationError) as refusal:
-            read_world(file)
-        sentence = str(refusal.value)
-        assert sentence.startswith(str(file))
-        assert '\n' not in sentence
-        return sentence
-
-    return message
 
 
 @pytest.mark.parametrize('after_s', [0.0, 3.3, 100.0, 239.9, 1000.0])
@@ -110,23 +77,6 @@ def test_a_photograph_is_the_same_each_time(world, rig, pattern):
     assert (other.photograph(rig, pattern.draw(), START_NS).shown() != first).any()
 
 
-@pytest.mark.parametrize(
-    ('path', 'value', 'words'),
-    [
-        (['panels'], [], 'panels is []: give one panel or more'),
-        (['panels', 0, 'extent'], [1, 0, 0, 1], 'extent is (1.0, 0.0, 0.0, 1.0): give x_min'),
-        (['panels', 0, 'pose'], None, 'panels[0].pose is missing: add it'),
-        (['panels', 0, 'pose', 'rpy'], [0, 0], 'pose.rpy is [0, 0]: give 3 finite numbers'),
-        (['panels', 0, 'dents', 1, 'width'], 0, 'dents[1].width is 0: give a finite number'),
-        (['panels', 0, 'rivet_rows', 0, 'count'], 1.5, 'rivet_rows[0].count is 1.5: give a'),
-        (['flight', 'wobble'], [0, 0, 2], 'flight.wobble is [0, 0, 2]: give 3 finite numbers'),
-        (['weather'], 'fine', 'weather is unknown: remove it'),
-    ],
-)
-def test_a_wrong_field_is_named_in_one_sentence(refused, path, value, words):
-    assert words in refused(path, value)
-
-
 def test_a_board_is_moved_by_the_second_white_photograph_in_a_row(rig, pattern):
     """As a capture takes them between two poses, and never amid the photographs of one."""
     world = LiveWorld('shipped:board_scene.yaml', 0)
@@ -145,14 +95,8 @@ def test_a_board_is_moved_by_the_second_white_photograph_in_a_row(rig, pattern):
 
 def test_the_shipped_board_is_seen_whole_in_each_of_its_poses():
     world, shipped = read_world('shipped:board_scene.yaml'), read_rig(find('shipped:rig.yaml'))
-    x, y = np.meshgrid(np.arange(10), np.arange(7))
-    corners = 0.025 * np.stack([x.ravel(), y.ravel(), np.zeros(70)], axis=-1)
     assert len(world.board_poses) > 15
     for pose in world.board_poses:
-        points = pose.apply(corners)
-        for lens, seen in (
-            (shipped.camera, points),
-            (shipped.projector, shipped.to_projector(points)),
-        ):
-            pixel = lens.project(seen)
+        pixels = true_correspondences(Board(10, 7, 0.025), shipped, pose)
+        for lens, pixel in zip((shipped.camera, shipped.projector), pixels, strict=True):
             assert (pixel > 5).all() and (pixel < [lens.width - 6, lens.height - 6]).all()

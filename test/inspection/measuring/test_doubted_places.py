@@ -70,7 +70,7 @@ def test_doubt_beside_a_dent_is_none_of_its_depth():
 
 def test_lengths_are_as_uncertain_as_the_rim_that_they_end_at():
     across, down = off_middle()
-    length, width = DENT.size_at()
+    length, width = DENT.size()
     at_rim = np.exp(-np.square((np.hypot(across, down) - length / 2) / 0.004))
     # Deeper at two ends, as light on slopes feigns.
     sigma = np.hypot(NOISE, 3e-5 * at_rim)

@@ -20,7 +20,7 @@ DENT = Dent(0.02, -0.01, 0.05, 0.035, 0.001, 0.6)
 
 def assert_measured(dent, truth, close=1e-3):
     """Sizes within four standard uncertainties, and those small."""
-    length, width = truth.size_at(0.1)
+    length, width = truth.size()
     for estimate, true, largest in (
         (dent.depth, truth.depth, 2e-5),
         (dent.length, length, close),
@@ -75,14 +75,14 @@ def test_skin_that_no_quadric_meets_gets_a_higher_degree():
     points[..., 2] += 0.1 * x**2 + 0.3 * y**2 + 0.15 * x**3 + 0.1 * x * y**2
     (dent,) = inspect(Cloud(points.astype(np.float32), np.ones(x.shape, np.float32))).dents
     assert dent.depth.value == pytest.approx(DENT.depth, abs=3e-5)
-    assert dent.length.value == pytest.approx(DENT.size_at()[0], abs=1e-3)
+    assert dent.length.value == pytest.approx(DENT.size()[0], abs=1e-3)
 
 
 def test_a_dent_that_fills_nearly_half_of_a_tile_is_not_swallowed():
     large = Dent(0.0, 0.0, 0.12, 0.10, 0.002)
     (dent,) = inspect(cloud_of(panel(large, extent=(-0.075, 0.075, -0.075, 0.075)))).dents
     assert dent.depth.value == pytest.approx(0.002, abs=2e-5)
-    assert dent.length.value == pytest.approx(large.size_at()[0], abs=1e-3)
+    assert dent.length.value == pytest.approx(large.size()[0], abs=1e-3)
 
 
 @pytest.mark.parametrize('radius', [0.0, 2.0])
@@ -134,7 +134,7 @@ def test_what_the_reconstruction_smooths_is_sized_as_it_was():
     sigma = 3.2e-3
     smooth = reconstructed(cloud.points, sigma / 1.4e-3)
     noisy = cloud_of(skin, noise=2e-6).points - cloud.points
-    length, width = DENT.size_at()
+    length, width = DENT.size()
 
     resolution = np.full((ROWS, COLUMNS), HALVED * sigma, np.float32)
     smooth_cloud = Cloud(smooth + noisy, cloud.intensity, resolution=resolution)
