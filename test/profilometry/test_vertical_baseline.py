@@ -35,8 +35,7 @@ def test_the_cloud_lies_on_the_true_surface(rig, method):
     cloud = Reconstructor(rig, LEVEL, Settings(method, stride=2)).reconstruct(seen.image)
     lit = seen.lit()[::2, ::2]
     assert cloud.valid.shape == lit.shape
-    # The fringe model has no point of a bin that is lit in part.
-    assert (cloud.valid & lit).sum() / lit.sum() > (0.94 if method == 'fringe-model' else 0.95)
+    assert (cloud.valid & lit).sum() / lit.sum() > 0.95
     assert (cloud.valid & ~lit).mean() < 1e-3
     assert seen.errors_mm(cloud).mean() < (0.035 if method == 'least-squares' else 0.1)
     # On their own pixels' rays.

@@ -126,13 +126,14 @@ class BinGrid:
         size = nodes.shape[::-1]
         # Wide windows see no more on a coarser grid.
         coarse = [max(1, int(sigma / _FINE)) for sigma in sigmas]
+        if coarse == [1, 1]:
+            return _gaussian(nodes, *sigmas)
         small = tuple(-(-n // each) for n, each in zip(size, coarse, strict=True))
         few: Any = cv2.resize(nodes, small, interpolation=cv2.INTER_AREA)
         sigma_u, sigma_v = (s * m / n for s, m, n in zip(sigmas, small, size, strict=True))
-        few = cv2.GaussianBlur(
-            few, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_CONSTANT
+        smooth: Any = cv2.resize(
+            _gaussian(few, sigma_u, sigma_v), size, interpolation=cv2.INTER_LINEAR
         )
-        smooth: Any = cv2.resize(few, size, interpolation=cv2.INTER_LINEAR)
         return smooth
 
     def smooth_bins(self, bins: NDArray[np.float32], fringes: float) -> NDArray[np.float32]:
@@ -183,6 +184,13 @@ def nearest(values: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
     place = np.zeros(label.max() + 1, np.intp)
     place[label[known]] = np.flatnonzero(known)
     return values.ravel()[place[label]]
+
+
+def _gaussian(values: Any, sigma_u: float, sigma_v: float) -> Any:
+    """Gaussian, beyond whose values there is nothing."""
+    return cv2.GaussianBlur(
+        values, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_CONSTANT
+    )
 
 
 def _centres(count: int, pitch: int) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
-from ftp_dent_ros.profilometry.fringe_model.points import Points, on_panel
+from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
 from ftp_dent_ros.profilometry.fringe_model.start import PLANES, Plane, Start, fit_planes
@@ -37,6 +37,7 @@ from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_code, too_steep
+from ftp_dent_ros.profilometry.unwrapping import wrap
 from ftp_dent_ros.rig.rig import Rig
 
 _TURN = 2 * math.pi
@@ -129,7 +130,7 @@ class FringeModel:
         first = self._first(plain, usable, phase, start.surface >= 0)
         fit = self._solver.solve(plain, usable, reference, first)
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
-        points = Points(*geometry, self.stride, fit, usable)
+        points = Points(*geometry, self.stride, fit, usable, plain)
         for number in orders:
             points.add(surface == number, reference)
         if not points.measured.any():
@@ -183,10 +184,10 @@ class FringeModel:
         share = count / np.count_nonzero(clipped | fringes) if count > _LEAST_NODES else 0.0
         if share > _MOST:
             raise SaturatedError(_CLIPPED_SENTENCE.format(share))
-        if not fringes.any():
+        sizes = np.bincount(start.surface[fringes])
+        if not (sizes >= _LEAST_NODES).any():
             raise TooDarkError(_DARK)
         ratio, weight = self._code(light, start)
-        sizes = np.bincount(start.surface[fringes])
         orders: dict[int, int] = {}
         surface = np.full(start.surface.shape, -1, np.int32)
         unexplained = 0.0  # of all surfaces' nodes, beyond what may be
@@ -243,7 +244,9 @@ class FringeModel:
         share = np.maximum(self.grid.smooth_nodes(known.astype(np.float32), _SMOOTH), 1e-3)
         smooth = self.grid.smooth_nodes(away * known, _SMOOTH) / share
         away = np.where(np.abs(smooth - away) < _OFF, smooth, away)
-        away = nearest(away, known | (start.surface >= 0)).astype(np.float32)
+        # A surface without a number is whole fringes off its neighbour's, or none.
+        beside = nearest(away, known)
+        away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
         along_u, along_v = self.grid.fringe
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
         near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
@@ -254,7 +257,7 @@ class FringeModel:
     def _lit(self, phase) -> NDArray[np.bool_]:
         """Where the panel lights, but for its blurred rim."""
         _, v_p = self._bins.meet(phase)
-        return on_panel(self.rig, self.pattern, phase, v_p)
+        return within_panel(self.rig, self.pattern, phase, v_p) > RIM
 
     def _filled(self, light: Light, phase) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""

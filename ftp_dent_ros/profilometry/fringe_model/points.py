@@ -37,8 +37,13 @@ _LEAST_NODES = 30
 _DEVIATION = math.pi / 6
 # Standard deviation of a point over its distance, beyond which it is none.
 _FAR = 0.1
+# Fringes from a surface on where the light is another's; standard deviation of the means of light
+# at its rim.
+_FAR_OFF, _RIM_WIDTH = 1.0, 0.15
+# Share of the light that is there at the rim, which the lens blurs.
+_SHARE = 0.8
 # Projector pixels at the panel's rim that the lens blurs.
-_RIM = 1.5
+RIM = 1.5
 
 
 class Points:
@@ -53,6 +58,8 @@ class Points:
     fit : FringeFit
     usable : ndarray, shape (rows, columns)
         1 where the light is not clipped.
+    light : ndarray, shape (rows, columns)
+        That the fit explains.
     """
 
     def __init__(
@@ -65,7 +72,9 @@ class Points:
         stride: int,
         fit: FringeFit,
         usable: NDArray[np.float32],
+        light: NDArray[np.float32],
     ) -> None:
+        self._light = light
         self._rig, self._pattern, self._grid = rig, pattern, grid
         self._bins, self._nodes, self._stride, self._fit = bins, nodes, stride, fit
         self._usable = usable > 0
@@ -74,6 +83,7 @@ class Points:
         rest = grid.around(grid.around(square)) / np.maximum(seen, 1e-3)
         explained = rest < _UNEXPLAINED * np.maximum(fit.scale, _ROUNDING)
         visible = fit.amplitude > _VISIBLE * np.sqrt(np.maximum(fit.scale, 0))
+        self._seen = seen
         self._good = explained & visible & (seen > _SEEN)
         amplitude = np.maximum(fit.amplitude, 1)
         self._unexplained = 2 * np.maximum(rest - _UNUSUAL * fit.scale, 0) / np.square(amplitude)
@@ -146,23 +156,42 @@ class Points:
         """Put what is certain enough, and lit by the panel, into the cloud."""
         variance = np.maximum(at_bins(denoised.variance), 0) + self._unexplained
         inverse, v_p = self._bins.meet(phase)
-        good = inside & (variance < _DEVIATION**2) & np.isfinite(inverse)
+        certain = (variance < _DEVIATION**2) & np.isfinite(inverse)
+        good = inside & certain
         self.surfaces.append((phase, good))
         # Light from beside the surface reaches into the bins at its rim.
         box = np.ones(self._grid.half_fringe[::-1], np.uint8)
         beside = cv2.dilate((self._usable & ~good).view(np.uint8), box) > 0
-        good = good & ~beside & on_panel(self._rig, self._pattern, phase, v_p)
-        if not good.any():
+        rim = within_panel(self._rig, self._pattern, phase, v_p)
+        whole = good & ~beside
+        if not whole.any():
             return
-        self.measured |= good
+        inner = cv2.erode(whole.view(np.uint8), box) > 0
+        reach = tuple(2 * math.ceil(_FAR_OFF * n) + 1 for n in self._grid.fringe)
+        near, others = (
+            cv2.dilate(each.view(np.uint8), np.ones(reach[::-1], np.uint8)) > 0
+            for each in (whole, self._good & ~inside)
+        )
+        share = self._share(near, inner, phase)
+        # Beside another surface's fringes, and at small holes, the share tells nothing.
+        at_end = cv2.blur((~near).astype(np.float32), tuple(2 * n + 1 for n in reach)) > 0
+        sure = inner | (whole & (others | ~at_end))
+        lit = (share > _SHARE) & (self._seen > _SEEN)
+        good = sure | (near & at_end & ~others & lit & certain)
+        own = whole & good
+        self.measured |= good & (rim > RIM)
         stripe = good & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else good])
-        away = np.where(good, inverse - quadric.at(*self._grid.bin_places), 0)
-        away = nearest(away.astype(np.float32), good)
+        away = np.where(own, inverse - quadric.at(*self._grid.bin_places), 0)
+        away = nearest(away.astype(np.float32), own)
         away = self._at_pixels(deconvolved(away, self._grid.step, self._grid.rows))
         z = 1 / (quadric.at(*self._grid.places(*self._pixels)) + away)
+        variance = nearest(variance, own)
         sigma = self._at_pixels(self._bins.deviation(phase, variance))
         on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0) & (sigma < _FAR * z)
+        on &= self._at_pixels(rim) > RIM
+        sure = self._at_pixels(sure, cv2.INTER_NEAREST) > 0
+        on &= sure | (self._at_pixels(share) > _SHARE)
         cloud, depth = self.cloud, z[on]
         cloud.points[on, :2], cloud.points[on, 2] = self._rays[on] * depth[:, None], depth
         cloud.intensity[on] = self._at_pixels(self._fit.amplitude)[on]
@@ -170,6 +199,24 @@ class Points:
         pixel = depth / np.float32(self._rig.camera.camera_matrix[0, 0])
         wavelength = self._at_pixels(at_bins(denoised.wavelength))[on]
         cloud.resolution[on] = wavelength * np.float32(self._grid.period) * pixel
+
+    def _share(self, near, inner: NDArray[np.bool_], phase: NDArray[np.float32]):
+        """Share of the surface's light, led on beyond it, which is there (eq. 11)."""
+        grid = self._grid
+        wave, _ = self._fit.waveform.at(phase)
+        level, amplitude = (
+            nearest(each, inner) for each in (self._fit.level, self._fit.amplitude)
+        )
+        nodes = grid.at_nodes((~near).astype(np.float32)) == 1
+        if not nodes.any():
+            return np.zeros(grid.shape, np.float32)
+        beyond = grid.at_bins(nearest(grid.at_nodes(self._light), nodes))
+        surface = level + amplitude * wave - beyond
+        here, all_of_it = (
+            grid.smooth_bins(each, _RIM_WIDTH)
+            for each in ((self._light - beyond) * surface, np.square(surface))
+        )
+        return here / np.maximum(all_of_it, 1)
 
     def _at_pixels(self, bins, how=cv2.INTER_LINEAR):
         """Values of the bins at the cloud's pixels."""
@@ -185,8 +232,8 @@ class Points:
         )
 
 
-def on_panel(rig: Rig, pattern: Pattern, phase, v_p) -> NDArray[np.bool_]:
-    """Where the panel lights, but for its blurred rim."""
+def within_panel(rig: Rig, pattern: Pattern, phase, v_p) -> NDArray[np.floating]:
+    """Projector pixels from the panel's nearest rim, less than 0 beyond it."""
     u_p, panel = pattern.column(phase), rig.projector
-    inside = (u_p > _RIM) & (u_p < panel.width - 1 - _RIM)
-    return inside & (v_p > _RIM) & (v_p < panel.height - 1 - _RIM)
+    across = np.minimum(u_p, panel.width - 1 - u_p)
+    return np.minimum(across, np.minimum(v_p, panel.height - 1 - v_p)) + 0.5

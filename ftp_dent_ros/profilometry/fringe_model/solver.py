@@ -92,7 +92,7 @@ class Solver:
         grid, fit = self.grid, start
         weight: Any = usable
         for number in range(_ROUNDS):
-            wave, slope = self._wave(fit, fit.phase)
+            wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
             if number:
                 weight, _ = self._weight(usable, residual)
@@ -111,7 +111,7 @@ class Solver:
                 fitted = self._clearest(light, usable, fit, fitted, windows, change, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
-        wave, _ = self._wave(fit, fit.phase)
+        wave, _ = _wave(fit, fit.phase, self._plane)
         residual = light - fit.level - fit.amplitude * wave
         weight, scale = self._weight(usable, residual)
         return replace(fit, residual=residual, scale=scale, weight=weight)
@@ -165,12 +165,6 @@ class Solver:
         more_blur = self.grid.at_nodes(middle + np.tensordot(slopes, self._plane, axes=1))
         return fit, [each * more_blur for each in follow]
 
-    def _wave(self, fit, phase):
-        if not fit.slopes.any():
-            return fit.waveform.at(phase)
-        along_u, along_v = fit.slopes.astype(np.float32)
-        return fit.waveform.at(phase, along_u * self._plane[0] + along_v * self._plane[1])
-
     def _clearest(self, light, usable, fit, fitted, windows, change, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
 
@@ -185,27 +179,42 @@ class Solver:
         if not across.any():
             return fitted
         rest = self.grid.repeated(rest)
+        # What the boxes of bins across an edge hold.
+        near = np.flatnonzero(cv2.dilate(across.view(np.uint8), self._box, iterations=2))
+        light, usable, ahead = (each.ravel()[near] for each in (light, usable, reference))
+        plane = self._plane.reshape(2, -1)[:, near]
+        misfit = np.zeros_like(rest)
 
         def misfit_of(level, amplitude, away):
-            wave, _ = self._wave(fit, reference + away)
-            square = usable * np.square(light - level - amplitude * wave)
+            level, amplitude, away = (each.ravel()[near] for each in (level, amplitude, away))
+            wave, _ = _wave(fit, ahead + away, plane)
+            np.put(misfit, near, usable * np.square(light - level - amplitude * wave))
             # Of the boxes that hold a bin the clearest: at an edge that on its side.
-            return cv2.erode(self.grid.around(square), self._box)
+            return cv2.erode(self.grid.around(misfit), self._box)
 
-        best, least = fitted, misfit_of(*fitted) + rest
+        least = misfit_of(*fitted) + rest
+        best = [each.copy() for each in fitted]
         for u, v in self._sides:
             level, amplitude, away = (_moved(each, u, v) for each in fitted)
             away = 2 * away - _moved(fitted[2], 2 * u, 2 * v)
-            misfit = misfit_of(level, amplitude, away) + _moved(rest, u, v)
-            better = across & (misfit < least)
-            least = np.where(better, misfit, least)
-            moved = level, amplitude, away
-            best = [np.where(better, new, old) for new, old in zip(moved, best, strict=True)]
+            misfits = misfit_of(level, amplitude, away) + _moved(rest, u, v)
+            better = across & (misfits < least)
+            np.copyto(least, misfits, where=better)
+            for new, old in zip((level, amplitude, away), best, strict=True):
+                np.copyto(old, new, where=better)
         return best
 
     def _about(self, bins):
         width, height = (round(_SCALE * each) for each in self.grid.fringe)
         return cv2.blur(bins, (width, height))
+
+
+def _wave(fit, phase, plane):
+    """F and its derivative in the blur of places, x and y from the picture's middle."""
+    if not fit.slopes.any():
+        return fit.waveform.at(phase)
+    along_u, along_v = fit.slopes.astype(np.float32)
+    return fit.waveform.at(phase, along_u * plane[0] + along_v * plane[1])
 
 
 def _moved(bins, columns, rows):

@@ -108,15 +108,15 @@ class Waveform:
         """F and dF / d phase at phases, in a blur whose variance is so much more (radians^2)."""
         light, slope, by_blur = self.tables
         index, beyond = self._nearest(phase)
-        slope = slope.take(index)
-        wave = light.take(index) + slope * beyond
+        slope = slope.take(index, mode='clip')
+        wave = light.take(index, mode='clip') + slope * beyond
         if more_blur is not None:
-            wave += more_blur * by_blur.take(index)
+            wave += more_blur * by_blur.take(index, mode='clip')
         return wave, slope
 
     def by_blur(self, phase: NDArray[np.float32]) -> NDArray[np.float32]:
         """Derivative of F by the blur's variance at phases."""
-        return self.tables[2].take(self._nearest(phase)[0])
+        return self.tables[2].take(self._nearest(phase)[0], mode='clip')
 
     def _nearest(self, phase):
         """Index of the nearest sample, and what the phase is beyond it, radians."""
@@ -126,7 +126,7 @@ class Waveform:
         nearest = np.rint(place)
         place -= nearest
         place *= np.float32(_TURN / _SAMPLES)
-        return nearest.astype(np.int32), place
+        return nearest.astype(np.intp), place
 
     def corrected(
         self,
