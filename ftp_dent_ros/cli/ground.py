@@ -123,7 +123,7 @@ def _run_node(arguments: argparse.Namespace) -> int:
     for name, value in given.items():
         words += ['-p', f'{name}:={json.dumps(value)}']
     program = Program(
-        'ground_station', (sys.executable, '-m', 'ftp_dent_ros.nodes.ground_station', *words)
+        'ground_station', (sys.executable, '-m', 'ftp_dent_ros.nodes', 'ground_station', *words)
     )
     stopping = stop_event().is_set
     with (

@@ -13,11 +13,9 @@ nobody subscribes, unless the parameter `always` asks for the list.
 from __future__ import annotations
 
 import json
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -44,7 +42,6 @@ from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import DENTS, LATCHED
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
@@ -56,6 +53,8 @@ _PATIENCE = 60.0
 
 class DentInspector(PayloadNode[DentInspectorSettings]):
     """Node that turns clouds into dents, and keeps the list of a flight's."""
+
+    threads = 2
 
     def __init__(self, **options: Any) -> None:
         super().__init__('dent_inspector', **options)
@@ -237,11 +236,3 @@ class DentListing:
         count = sum(entry.dent.kind == 'dent' for entry in entries)
         self.on_glass = sentence(dents.glass)
         self._diagnostics.note({'dents in the list': count, 'marks on a glass': len(dents.glass)})
-
-
-#: Run the node as a process.
-main = partial(run, DentInspector, 'dent_inspector', threads=2)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

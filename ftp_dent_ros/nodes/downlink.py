@@ -8,7 +8,6 @@ once each. The payload never waits for any of this.
 from __future__ import annotations
 
 import struct
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -40,7 +39,6 @@ from ftp_dent_ros.ros.messages import (
     lens_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
 
@@ -181,11 +179,3 @@ class Downlink(PayloadNode[DownlinkSettings]):
             (state['grounds'] == '0', WARN, unheard),
             (True, OK, f'{state["rate (kbit/s)"]} kbit/s'),
         )
-
-
-#: Run the node as a process.
-main = partial(run, Downlink, 'downlink')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -6,7 +6,6 @@ Commands go the other way, as services.
 from __future__ import annotations
 
 import queue
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -42,7 +41,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
     to_data,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
 
 if TYPE_CHECKING:
@@ -143,6 +141,8 @@ class GroundTopics:
 class GroundStation(PayloadNode[GroundStationSettings]):
     """Node that publishes what a drone's downlink sends, and passes commands up."""
 
+    threads = 4
+
     def __init__(self, **options: Any) -> None:
         super().__init__('ground_station', **options)
         given = self.given
@@ -210,11 +210,3 @@ class GroundStation(PayloadNode[GroundStationSettings]):
             'twice: choose another ROS_DOMAIN_ID for the ground'
         )
         return (self._drone_is_here, ERROR, here), (level, WARN, text), (True, OK, text)
-
-
-#: Run the node as a process.
-main = partial(run, GroundStation, 'ground_station', threads=4)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

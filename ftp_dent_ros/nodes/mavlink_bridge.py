@@ -10,12 +10,10 @@ logged with its reason, and nothing is published in its place.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,7 +52,6 @@ from ftp_dent_ros.ros.messages import (
     pose_to_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS
 
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
@@ -365,11 +362,3 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
                     position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
                 )
             )
-
-
-#: Run the node as a process.
-main = partial(run, MavlinkBridge, 'mavlink_bridge')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -10,11 +10,9 @@ is refused with its reason, in the log and on ``/diagnostics``.
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -44,7 +42,6 @@ from ftp_dent_ros.ros.messages import (
     photograph_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, PATTERNS, AnySubscription
 
 
@@ -214,11 +211,3 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             (not self._points.get_subscription_count(), OK, 'idle: nobody subscribes to points'),
             (not self.diagnostics.recent('images'), OK, 'waiting for images'),
         )
-
-
-#: Run the node as a process.
-main = partial(run, Reconstruction, 'reconstruction')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -9,7 +9,6 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -27,7 +26,6 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import covariant_pose_message, make_header, pose_stamped_message
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import LATCHED, POSES
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
@@ -142,11 +140,3 @@ class Survey(PayloadNode[SurveySettings]):
             (is_idle, OK, 'waiting for clouds and their skin'),
             (not has_skin, WARN, alone),
         )
-
-
-#: Run the node as a process.
-main = partial(run, Survey, 'survey')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -90,15 +90,15 @@ class NodeEntry:
     def program(self) -> Program:
         """The process to start."""
         if self.executable not in NODES:
-            words: tuple[str, ...] = self.options
+            words: tuple[str, ...] = ('ftp_dent_ros.simulation.autopilot', *self.options)
         else:
             words = (
-                '--ros-args',
+                *('ftp_dent_ros.nodes', self.executable, '--ros-args'),
                 *('-r', f'__node:={self.executable}'),
                 *('-r', f'__ns:={self.namespace}'),
                 *self.parameter_words,
             )
-        return Program(self.name, (sys.executable, '-m', EXECUTABLES[self.executable], *words))
+        return Program(self.name, (sys.executable, '-m', *words))
 
     @property
     def parameter_words(self) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ def test_namespaces(tmp_path):
     assert (plain.name, plain.namespace) == ('camera_capture', '/')
     assert (left.name, left.namespace) == ('drone/left/camera_capture', '/drone/left')
     assert left.program.command == (
-        *(sys.executable, '-m', 'ftp_dent_ros.nodes.camera_capture', '--ros-args'),
+        *(sys.executable, '-m', 'ftp_dent_ros.nodes', 'camera_capture', '--ros-args'),
         *('-r', '__node:=camera_capture', '-r', '__ns:=/drone/left'),
         *('--params-file', str(path)),
     )
