@@ -15,13 +15,9 @@ from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
 def names_of_all() -> tuple[str, ...]:
     """Names of the parameters of all nodes."""
-    return tuple(name for node in OF_NODES for name in names_of(node))
-
-
-def names_of(node: str) -> tuple[str, ...]:
-    """Names of a node's parameters."""
     given = Declarations({})
-    read(OF_NODES[node], given)
+    for settings in OF_NODES.values():
+        read(settings, given)
     return tuple(given.made)
 
 

@@ -42,7 +42,7 @@ from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
-from ftp_dent_ros.ros.qos import DENTS, LATCHED
+from ftp_dent_ros.ros.qos import LATCHED, POSES
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
 # comes together with the next.
@@ -61,7 +61,7 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         given = self.given
         self._tagged = given.source == TAGGED
         self._smallest = SmallestDent(given.smallest_depth, given.smallest_width)
-        self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
+        self._dents = self.create_publisher(PointCloud2, 'dents', POSES)
         self._listing = DentListing(self, given.list_file if self._tagged else '', self._tagged)
         # In the end all clouds that came are put into the list first.
         self._worker = self.worker(
@@ -176,9 +176,8 @@ class DentListing:
                 self._kept.clear()
             with self._kept_on_disk():
                 self._kept.add(frame_id, stamp_ns, dents, pose, covariance)
-            # Meanwhile it may have been found to lie elsewhere.
-            if stamp_ns in self._poses:
-                with self._kept_on_disk():
+                # Meanwhile it may have been found to lie elsewhere.
+                if stamp_ns in self._poses:
                     self._kept.correct(frame_id, {stamp_ns: self._poses[stamp_ns]})
         self._drawing.put(self._kept)
 

@@ -23,17 +23,10 @@ Verdict = tuple[object, bytes, str]
 
 # Seconds that rates are of, and between two lines in the log on one matter.
 _WINDOW = 10.0
-# A longer time since the exposure is no latency, seconds: what came is of a recording.
-_LONGEST_LATENCY = 60.0
 
 
 class Statistics:
     """Counts, rates and durations over the last ten seconds; any thread may add to it.
-
-    Parameters
-    ----------
-    now : callable
-        Monotonic time in seconds.
 
     Attributes
     ----------
@@ -41,8 +34,8 @@ class Statistics:
         Of all events since the start, by name.
     """
 
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        self._now, self._start = now, now()
+    def __init__(self) -> None:
+        self._start = time.monotonic()
         self._lock = threading.Lock()
         self._events: dict[str, deque[tuple[float, float | None]]] = {}
         self.totals: Counter[str] = Counter()
@@ -51,17 +44,17 @@ class Statistics:
         """Count one event called `name`, or one that has a duration."""
         with self._lock:
             self.totals[name] += 1
-            self._events.setdefault(name, deque(maxlen=10_000)).append((self._now(), seconds))
+            self._events.setdefault(name, deque(maxlen=10_000)).append((time.monotonic(), seconds))
 
     def recent(self, name: str) -> list[float | None]:
         """Durations of the events in the window, oldest first; None of those that have none."""
-        since = self._now() - _WINDOW
+        since = time.monotonic() - _WINDOW
         with self._lock:
             return [value for at, value in self._events.get(name, ()) if at >= since]
 
     def shown(self) -> dict[str, str]:
         """Total and rate of what is counted, median and maximum of what lasts."""
-        lived = min(max(self._now() - self._start, 1.0), _WINDOW)
+        lived = min(max(time.monotonic() - self._start, 1.0), _WINDOW)
         values = {}
         for name in list(self._events):
             recent = self.recent(name)
@@ -122,7 +115,8 @@ class Diagnostics:
         self.count(done)
         self.count('computation', time.monotonic() - started)
         latency = (self._node.get_clock().now().nanoseconds - stamp_ns) / 1e9
-        if 0 <= latency < _LONGEST_LATENCY:
+        # After a longer time what came is of a recording.
+        if 0 <= latency < 60.0:
             self.count('latency', latency)
 
     def note(self, values: Mapping[str, object]) -> None:
