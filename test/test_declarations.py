@@ -6,8 +6,7 @@ import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.nodes.declarations import fitted
-from ftp_dent_ros.nodes.settings import CameraCaptureSettings, read
+from ftp_dent_ros.nodes.settings import CameraCaptureSettings, fitted, read
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.supervision.configuration import read_configuration
 

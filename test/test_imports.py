@@ -36,7 +36,7 @@ def loaded(modules):
 
 
 def test_what_checks_a_configuration_loads_no_ros_and_nothing_that_does_not_fly():
-    modules = loaded(('ftp_dent_ros.nodes.declarations',))
+    modules = loaded(('ftp_dent_ros.nodes.settings',))
     assert not modules & {'rclpy', 'mcap', *NOT_FLOWN}
 
 

@@ -128,7 +128,8 @@ def _run_node(arguments: argparse.Namespace) -> int:
     stopping = stop_event().is_set
     with (
         transport.profile(arguments.interface) as variables,
+        transport.environment_of(variables),
         ProcessLog([program.name]) as log,
-        Processes(log.show, variables) as processes,
+        Processes(log.show) as processes,
     ):
         return keep_running([program], processes, log.say, stopping)

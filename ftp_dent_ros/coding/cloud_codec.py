@@ -344,13 +344,13 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
     body: list[bytes] = []
     for name, values, where, scale, step in given:
         # A mask that comes again is written once.
-        known = [number for number, mask in enumerate(masks) if np.array_equal(mask, where)]
-        if not known:
-            known = [len(masks)]
+        same = (number for number, mask in enumerate(masks) if np.array_equal(mask, where))
+        number = next(same, len(masks))
+        if number == len(masks):
             masks.append(where)
             holes.append(_neighbours(where))
         steps = quantise(values, where, scale, step)
-        empty, neighbours = holes[known[0]]
+        empty, neighbours = holes[number]
         steps.flat[empty] = steps.flat[neighbours]
         prediction, packed = pack(steps)
         body += packed
@@ -359,7 +359,7 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
                 'name': name,
                 'scale': scale.value,
                 'step': step,
-                'mask': known[0],
+                'mask': number,
                 'prediction': prediction,
                 'planes': [len(plane) for plane in packed],
             }

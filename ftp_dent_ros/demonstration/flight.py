@@ -30,7 +30,7 @@ from ftp_dent_ros.demonstration.appraisal import Figures, clouds_of
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find, write_atomically, write_png
 from ftp_dent_ros.fleet import side_by_side
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
@@ -181,8 +181,8 @@ def fly(
         for name in (_AUTOPILOT, _CAMERA):
             processes.start(last[name])
         say('the pattern is projected: photographing')
-        for number in range(1, clouds + 1):
-            observer.until(lambda n=number: observer.tagged >= n, 'no more tagged clouds')
+        while observer.tagged < clouds:
+            observer.wait_for_another()
             progress(observer.tagged)
         processes.stop(_CAMERA)
         observer.drain()
@@ -217,6 +217,11 @@ class _Observer:
     def is_ready(self) -> bool:
         """Whether the reconstruction knows the pattern, and waits for images."""
         return self._state.get('reconstruction') == DiagnosticStatus.OK
+
+    def wait_for_another(self) -> None:
+        """Wait until one more cloud is tagged."""
+        before = self.tagged
+        self.until(lambda: self.tagged > before, 'no more tagged clouds')
 
     def drain(self) -> None:
         """Wait until the last photograph's cloud is tagged; what is missing then is lost."""

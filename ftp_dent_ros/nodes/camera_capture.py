@@ -70,14 +70,7 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         self._was_wanted = False
         if isinstance(self._source, SimulatedSource):
             project = partial(self._on_projected, self._source)
-            self.hear(
-                Image,
-                'projector/image_raw',
-                project,
-                PATTERNS,
-                'no pattern could be projected',
-                'wrong pattern',
-            )
+            self.hear(Image, 'projector/image_raw', project, PATTERNS, 'wrong pattern')
         # It waits for the photograph, in the executor's second thread.
         self.create_service(
             Trigger, '~/capture', self._on_capture, callback_group=MutuallyExclusiveCallbackGroup()

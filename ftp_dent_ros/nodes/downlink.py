@@ -28,7 +28,7 @@ from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import GroundLink
-from ftp_dent_ros.ground.protocol import Item
+from ftp_dent_ros.ground.protocol import Item, remember
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import DownlinkSettings
 from ftp_dent_ros.rig.rig import Lens
@@ -87,14 +87,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
                 forward, qos = partial(self._forward, topic), LATCHED if topic.latest else POSES
                 self.hear(message_class(topic.type), topic.name, forward, qos, raw=True)
         self.hear(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, DIAGNOSTICS)
-        self.hear(
-            CameraInfo,
-            topics.CAMERA_INFO,
-            self._learn,
-            IMAGES,
-            'camera_info could not be read',
-            'wrong camera_info',
-        )
+        self.hear(CameraInfo, topics.CAMERA_INFO, self._learn, IMAGES, 'wrong camera_info')
         self.hear(PointCloud2, topics.POINTS, coding.put, CLOUDS)
         if given.pictures:
             self.hear(Image, topics.IMAGE, coding.put, CLOUDS)
@@ -110,8 +103,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if len(self._statuses) < 100:
-                self._statuses[status.name] = status
+            remember(self._statuses, status.name, status, 100)
         if self._drone.is_due(topics.DIAGNOSTICS):
             array = DiagnosticArray(status=list(self._statuses.values()))
             array.header.stamp = self.get_clock().now().to_msg()

@@ -54,9 +54,7 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
             self.create_timer(0.1, self._display.refresh)
             self.create_timer(_TICK, self._show)
         self._shown_until: float | None = None
-        self.hear(
-            Image, 'projector/show', self._on_show, LATCHED_INPUT, 'an image could not be shown'
-        )
+        self.hear(Image, 'projector/show', self._on_show, LATCHED_INPUT)
         self.create_timer(0.5, self._return)
         self.settings.on_change(self._change)
         self._publish()

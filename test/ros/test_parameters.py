@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.nodes.__main__ import node_class
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.session import check_parameters
 from ftp_dent_ros.supervision.configuration import read_configuration

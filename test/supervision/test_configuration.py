@@ -5,7 +5,7 @@ import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.supervision.configuration import frozen, read_configuration
 
 
