@@ -22,11 +22,11 @@ from ftp_dent_ros.demonstration.appraisal import (
 )
 from ftp_dent_ros.demonstration.flight import (
     BOUNDS,
+    SUMMARY,
     FlightError,
     fly,
     render_ahead,
     simulation_parameters,
-    summary_of,
     write_results,
 )
 from ftp_dent_ros.errors import ConfigurationError
@@ -39,7 +39,7 @@ from ftp_dent_ros.simulation.world import World, read_world
 from ftp_dent_ros.supervision.configuration import read_configuration
 from ftp_dent_ros.survey.surveying import report_on_skin
 
-SUMMARY = 'summary.json'
+RECORD = 'summary.json'
 REPORT = 'report'
 
 
@@ -92,7 +92,7 @@ def _refuse_to_replace_others(output: Path) -> None:
         raise ConfigurationError(
             f'--output {output} holds the folder that this runs in: name one of its own'
         )
-    if output.is_dir() and ((output / SUMMARY).exists() or not any(output.iterdir())):
+    if output.is_dir() and ((output / RECORD).exists() or not any(output.iterdir())):
         return
     if output.exists() or output.is_symlink():
         raise ConfigurationError(
@@ -125,10 +125,10 @@ def _demonstrate(blocks: dict[str, Any], clouds: int, folder: Path) -> tuple[Fig
         appraisal = appraise(bag, world, bar.update)
     dents, skin, poses = _inspect(bag, world, camera['rig'], folder / REPORT)
     figures = {**appraisal, **dents, **skin}
-    summary = summary_of(figures)
+    summary = SUMMARY.format(**figures)
     (folder / 'summary.txt').write_text(f'{summary}\n', encoding='utf-8')
     record = {'figures': figures, 'bounds': BOUNDS}
-    (folder / SUMMARY).write_text(json.dumps(record, indent=1), encoding='utf-8')
+    (folder / RECORD).write_text(json.dumps(record, indent=1), encoding='utf-8')
     write_results(bag, world, poses, folder)
     return figures, summary
 

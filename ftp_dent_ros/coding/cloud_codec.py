@@ -276,8 +276,6 @@ def is_on_rays(
     view: RayGrid,
 ) -> bool:
     """Whether all valid points (rows, columns, 3) lie on the view's rays, ahead of the camera."""
-    if view.shape != valid.shape:
-        return False
     fits = depth > 0
     with np.errstate(invalid='ignore', over='ignore'):
         # Farther off, as a part of their depth, points are not of this camera.

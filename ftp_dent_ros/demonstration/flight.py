@@ -26,7 +26,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from ftp_dent_ros.capture.source import write_rendered
 from ftp_dent_ros.coding.images import image_from_message
-from ftp_dent_ros.demonstration.appraisal import Figures, clouds_of
+from ftp_dent_ros.demonstration.appraisal import clouds_of
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find, write_atomically, write_png
 from ftp_dent_ros.fleet import side_by_side
@@ -350,7 +350,8 @@ def write_results(bag: Bag, world: World, poses: Mapping[int, Pose], folder: Pat
     view_3d(folder / 'view_3d.png', skin, undented.distance(skin), flight)
 
 
-_SUMMARY = """\
+#: The figures as people read them, a line each: those that matter most first.
+SUMMARY = """\
 exposure to tagged cloud  {latency_median_ms:.0f} ms median, {latency_maximum_ms:.0f} ms at most
 dents in view             {dents}, missed {dents_missed}, false {dents_false}
 largest error of a dent   depth {depth_error_mm:.3f} mm, length {length_error_mm:.2f} mm, \
@@ -365,8 +366,3 @@ tagged clouds             {tagged_clouds}, lost {tagged_clouds_lost}
 sightings of dents        {sightings}, missed {sightings_missed}
 listed as others          {others}
 parts of the skin         {skin_parts}"""
-
-
-def summary_of(figures: Figures) -> str:
-    """The figures as people read them, a line each: those that matter most first."""
-    return _SUMMARY.format(**figures)

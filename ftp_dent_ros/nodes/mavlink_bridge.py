@@ -26,7 +26,6 @@ from geometry_msgs.msg import (
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo, NavSatFix, NavSatStatus, PointCloud2
 from std_srvs.srv import Trigger
@@ -51,7 +50,7 @@ from ftp_dent_ros.ros.messages import (
     pose_to_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS, quality
 
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
 
@@ -176,8 +175,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._said: tuple[str, str] | None = None
         # Clouds that waited for one report are published in one breath: a shorter history would
         # throw those away that nobody has fetched yet.
-        depth = max(POSES.depth, given.queue_size)
-        history = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+        history = quality(True, False, max(POSES.depth, given.queue_size))
         self._points = self.create_publisher(
             PointCloud2, 'tagged/points', history, qos_overriding_options=OVERRIDABLE
         )
@@ -194,10 +192,9 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._transforms: list[Publisher] = []
         if given.publish_tf and TFMessage is not None:
             # As tf2_ros has them.
-            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             self._transforms = [
-                self.create_publisher(TFMessage, '/tf', QoSProfile(depth=100)),
-                self.create_publisher(TFMessage, '/tf_static', latched),
+                self.create_publisher(TFMessage, '/tf', 100),
+                self.create_publisher(TFMessage, '/tf_static', LATCHED),
             ]
         frames = given.base_frame, given.camera_frame
         self._transform(self._mount, *frames, self.now_ns(), is_static=True)

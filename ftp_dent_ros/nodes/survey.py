@@ -30,9 +30,6 @@ from ftp_dent_ros.ros.qos import LATCHED, POSES
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
 
-# Stamps, poses and footprints of all clouds.
-State = tuple[tuple[int, ...], tuple[Pose, ...], tuple[Footprint, ...]]
-
 
 class Survey(PayloadNode[SurveySettings]):
     """Node that joins a flight's clouds to one skin."""
@@ -92,8 +89,10 @@ class Survey(PayloadNode[SurveySettings]):
         self._drawing.put((stamps, poses, tuple(joining.footprints)))
         self._tell_pairs()
 
-    def _draw(self, state: State) -> None:
-        """Publish the path and the coverage of a state, in the drawing's thread."""
+    def _draw(
+        self, state: tuple[tuple[int, ...], tuple[Pose, ...], tuple[Footprint, ...]]
+    ) -> None:
+        """Publish path and coverage of stamps, poses and footprints, in the drawing's thread."""
         stamps, poses, footprints = state
         frame = self.given.map_frame
         if self._path.get_subscription_count():
