@@ -23,7 +23,6 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid, encode, thinned
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.drone import Drone
@@ -43,10 +42,7 @@ from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
 
 def _jpeg(bgr: Any, quality: int) -> bytes:
-    done, data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
-        raise ImageError('a picture could not be compressed: look at its size')
-    return data.tobytes()
+    return cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
 
 
 class Downlink(PayloadNode[DownlinkSettings]):
