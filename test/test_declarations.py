@@ -25,6 +25,8 @@ def fit(tmp_path, text):
         ('mavlink_bridge', 'adress: udpin:14550', 'no parameter adress: did you mean address?'),
         ('dent_inspector', 'zzz: 1', 'there are always, '),
         ('simulated_autopilot', 'start: 5', 'no parameter start: did you mean start_ns?'),
+        ('simulated_autopilot', 'start_ns: soon', 'start_ns is .soon.: give a whole number'),
+        ('simulated_autopilot', 'address: [1]', 'parameter address is'),
         ('mavlink_bridge', 'stride: 2', 'no parameter stride'),
         ('reconstruction', 'tau: 0', 'tau is 0: give a finite number above 0 to 1'),
         ('reconstruction', 'tau: [1]', 'parameter tau is .*: give a finite number'),

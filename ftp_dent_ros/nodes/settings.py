@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
-from ftp_dent_ros import files
 from ftp_dent_ros.capture.device import CameraSettings
 from ftp_dent_ros.dents.dent import RANGES, SmallestDent
 from ftp_dent_ros.ground.link import PORT, Security, endpoints
@@ -609,6 +608,15 @@ class GroundStationSettings(LinkSettings):
     )
 
 
+@dataclass(frozen=True)
+class SimulatedAutopilotSettings:
+    """Of simulated_autopilot, which takes them as options: they are only checked here."""
+
+    scene: Path | None = setting('shipped:scene.yaml', 'Scene file.', declare='file')
+    address: str = setting('udpout:127.0.0.1:14550', 'Where the bridge is.')
+    start_ns: int = setting(0, 'ROS time at which the flight starts, nanoseconds.')
+
+
 OF_NODES: dict[str, Any] = {
     'pattern_publisher': PatternPublisherSettings,
     'camera_capture': CameraCaptureSettings,
@@ -653,17 +661,12 @@ def _given(entry: NodeEntry) -> Declarations:
 
 
 def _fitted(entry: NodeEntry) -> NodeEntry:
-    own = dict(flat(entry.parameters))
     if entry.executable == SIMULATED_AUTOPILOT:
-        from ftp_dent_ros.simulation.autopilot import build_parser
-
-        given = _given(replace(entry, shared={}))
-        given.file('scene', f'{files.SHIPPED}scene.yaml', 'Scene file.')
-        given.refuse_others(list(own), list(vars(build_parser().parse_args([]))))
-    else:
-        given = _given(entry)
-        read(OF_NODES[entry.executable], given)
-        given.refuse_others(
-            [name for name, _ in flat(entry.shared) if name not in own], names_of_all()
-        )
+        # No ROS node: what stands under /** is not for it.
+        entry = replace(entry, shared={})
+    own, given = dict(flat(entry.parameters)), _given(entry)
+    read(OF_NODES.get(entry.executable, SimulatedAutopilotSettings), given)
+    given.refuse_others(
+        [name for name, _ in flat(entry.shared) if name not in own], names_of_all()
+    )
     return replace(entry, absolute=given.absolute, files=given.files)

@@ -36,13 +36,12 @@ def test_the_simulated_autopilot_has_options(tmp_path):
     path = write(
         tmp_path,
         'simulated_autopilot:\n  ros__parameters:\n'
-        '    address: udpout:127.0.0.1:14550\n    start_ns: -5\n'
-        '    loop: true\n    quiet: false\n',
+        '    address: udpout:127.0.0.1:14550\n    start_ns: -5\n',
     )
     (entry,) = read_configuration(path)
     assert entry.program.command == (
         *(sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot'),
-        *('--address=udpout:127.0.0.1:14550', '--start-ns=-5', '--loop'),
+        *('--address=udpout:127.0.0.1:14550', '--start-ns=-5'),
     )
 
 
