@@ -11,7 +11,7 @@ HERE = Path(__file__).resolve().parent
 VERSION = re.search(r"__version__ = '(.+)'", (HERE / NAME / '__init__.py').read_text()).group(1)
 CLUSTER = ('dask>=2022.12', 'distributed>=2022.12')
 REPORTS = ('jinja2>=3.1', 'matplotlib>=3.6')
-EXECUTABLES = runpy.run_path(str(HERE / NAME / 'supervision' / 'executables.py'))['EXECUTABLES']
+NODES = runpy.run_path(str(HERE / NAME / 'supervision' / 'executables.py'))['NODES']
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:
@@ -103,7 +103,8 @@ setup(
     entry_points={
         'console_scripts': [
             'ftp-dent = ftp_dent_ros.cli.main:main',
-            *(f'{name} = {module}:main' for name, module in EXECUTABLES.items()),
+            'simulated_autopilot = ftp_dent_ros.simulation.autopilot:main',
+            *(f'{name} = ftp_dent_ros.nodes.__main__:main' for name in NODES),
         ],
     },
 )

@@ -266,9 +266,12 @@ class Payload:
         found = {_UP: self._up.pid}
         for pid in map(int, children.split()):
             words = _read(f'/proc/{pid}/cmdline').split('\0')
-            module = next((word for word in words if word.startswith('ftp_dent_ros.')), '')
-            if module:
-                found[module.rpartition('.')[2]] = pid
+            # Behind -m: a module of its own, or the nodes' and then its name.
+            name = next((word for word in words if word.startswith('ftp_dent_ros.')), '')
+            if name == 'ftp_dent_ros.nodes':
+                name = words[words.index(name) + 1]
+            if name:
+                found[name.rpartition('.')[2]] = pid
         return found
 
     def memory(self) -> float:

@@ -258,7 +258,7 @@ def main() -> int:
         parameters = ['--ros-args', '-p', f'address:=udpin:127.0.0.1:{port}']
         parameters += ['-p', 'queue_size:=50']
         node = subprocess.Popen(
-            [sys.executable, '-m', 'ftp_dent_ros.nodes.mavlink_bridge', *parameters],
+            [sys.executable, '-m', 'ftp_dent_ros.nodes', 'mavlink_bridge', *parameters],
             env=environment,
         )
         try:

@@ -207,7 +207,7 @@ def main() -> int:
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'PYTHONPATH': str(ROOT)}
         node = subprocess.Popen(
             [
-                *(sys.executable, '-m', 'ftp_dent_ros.nodes.mavlink_bridge', '--ros-args'),
+                *(sys.executable, '-m', 'ftp_dent_ros.nodes', 'mavlink_bridge', '--ros-args'),
                 *('-p', f'address:=udpin:{port}', '-p', 'queue_size:=50'),
                 *('--log-level', 'mavlink_bridge:=fatal'),
             ],

@@ -72,8 +72,7 @@ def main() -> None:
         rig_file = Path(folder) / 'rig.yaml'
         write_rig(rig_file, rig)
         words = ['-p', f'rig:={rig_file}', '-p', f'stride:={arguments.stride}']
-        module = 'ftp_dent_ros.nodes.reconstruction'
-        process = subprocess.Popen([sys.executable, '-m', module, '--ros-args', *words])
+        process = start_node('reconstruction', words)
         try:
             bench = Bench(image, pattern)
             every = round(_TURN * arguments.rate) if arguments.dead_link else images
@@ -162,6 +161,13 @@ class Bench:
         self._arrivals[stamp_to_ns(message.header.stamp)] = time.perf_counter()
 
 
+def start_node(node: str, words: list[str]) -> subprocess.Popen[bytes]:
+    """A node as a process, with what follows ``--ros-args``."""
+    return subprocess.Popen(
+        [sys.executable, '-m', 'ftp_dent_ros.nodes', node, '--ros-args', *words]
+    )
+
+
 @contextmanager
 def dead_link(bench: Bench, folder: Path) -> Iterator[None]:
     """A downlink that keeps all on disk, for nobody ever connects to it."""
@@ -169,8 +175,7 @@ def dead_link(bench: Bench, folder: Path) -> Iterator[None]:
         probe.bind(('127.0.0.1', 0))
         port = probe.getsockname()[1]
     words = ['-p', f'address:=127.0.0.1:{port}', '-p', f'spool.folder:={folder}/spool']
-    module = 'ftp_dent_ros.nodes.downlink'
-    process = subprocess.Popen([sys.executable, '-m', module, '--ros-args', *words])
+    process = start_node('downlink', words)
     try:
         while bench.node.count_subscribers('points') < 2:
             bench.spin(0.1)

@@ -150,7 +150,7 @@ class Run:
             'downlink',
             self.joined.drone,
             1,
-            *('-m', 'ftp_dent_ros.nodes.downlink', '--ros-args', *self.link()),
+            *('-m', 'ftp_dent_ros.nodes', 'downlink', '--ros-args', *self.link()),
             *('-p', 'address:=0.0.0.0:7447', '-p', f'spool.folder:={self.folder}/spool'),
         )
 
@@ -159,7 +159,7 @@ class Run:
             f'ground_station{number}',
             self.joined.ground,
             2 + number,
-            *('-m', 'ftp_dent_ros.nodes.ground_station', '--ros-args', *self.link()),
+            *('-m', 'ftp_dent_ros.nodes', 'ground_station', '--ros-args', *self.link()),
             *('-p', f'address:={self.address()}', '-p', f'station:=g{number}'),
         )
 

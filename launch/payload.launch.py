@@ -26,7 +26,7 @@ from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.ros.session import check_parameters, refuse_second
 from ftp_dent_ros.supervision.configuration import NodeEntry, frozen, read_configuration
 from ftp_dent_ros.supervision.executables import NODES

@@ -6,11 +6,9 @@ import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import config_folder
-from ftp_dent_ros.nodes.declarations import fitted, names_of
-from ftp_dent_ros.nodes.settings import CameraCaptureSettings, read
+from ftp_dent_ros.nodes.settings import CameraCaptureSettings, fitted, read
 from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.supervision.configuration import read_configuration
-from ftp_dent_ros.supervision.executables import NODES
 
 
 def fit(tmp_path, text):
@@ -27,6 +25,8 @@ def fit(tmp_path, text):
         ('mavlink_bridge', 'adress: udpin:14550', 'no parameter adress: did you mean address?'),
         ('dent_inspector', 'zzz: 1', 'there are always, '),
         ('simulated_autopilot', 'start: 5', 'no parameter start: did you mean start_ns?'),
+        ('simulated_autopilot', 'start_ns: soon', 'start_ns is .soon.: give a whole number'),
+        ('simulated_autopilot', 'address: [1]', 'parameter address is'),
         ('mavlink_bridge', 'stride: 2', 'no parameter stride'),
         ('reconstruction', 'tau: 0', 'tau is 0: give a finite number above 0 to 1'),
         ('reconstruction', 'tau: [1]', 'parameter tau is .*: give a finite number'),
@@ -71,10 +71,6 @@ def test_relative_paths_start_at_the_configuration(tmp_path, monkeypatch):
     assert entry.absolute == {}
     (entry,) = fit(folder, 'camera_capture: {ros__parameters: {files.path: images/*.png}}')
     assert entry.absolute == {'files.path': str(folder / 'images/*.png')}
-
-
-def test_every_node_says_its_parameters():
-    assert all(len(names_of(node)) > 3 for node in NODES)
 
 
 def test_a_camera_without_a_rig_is_asked_for_the_size_that_the_page_promises():

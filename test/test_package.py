@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from ftp_dent_ros import __version__, files
-from ftp_dent_ros.supervision.executables import EXECUTABLES, NODES, OPTIONAL
+from ftp_dent_ros.supervision.executables import NODES, OPTIONAL
 
 ROOT = Path(__file__).resolve().parents[1]
 TOPICS = {
@@ -86,12 +86,6 @@ def test_the_manifest_and_the_build_file_name_what_is_imported(package):
 
 def test_the_changelog_knows_this_version():
     assert re.search(rf'^{re.escape(__version__)} \(', (ROOT / 'CHANGELOG.rst').read_text(), re.M)
-
-
-def test_every_executable_has_a_main():
-    for module in EXECUTABLES.values():
-        text = (ROOT / f'{module.replace(".", "/")}.py').read_text()
-        assert re.search(r'^(def main\(|main = )', text, re.M), module
 
 
 def strings(data):

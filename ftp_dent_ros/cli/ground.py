@@ -123,12 +123,13 @@ def _run_node(arguments: argparse.Namespace) -> int:
     for name, value in given.items():
         words += ['-p', f'{name}:={json.dumps(value)}']
     program = Program(
-        'ground_station', (sys.executable, '-m', 'ftp_dent_ros.nodes.ground_station', *words)
+        'ground_station', (sys.executable, '-m', 'ftp_dent_ros.nodes', 'ground_station', *words)
     )
     stopping = stop_event().is_set
     with (
         transport.profile(arguments.interface) as variables,
+        transport.environment_of(variables),
         ProcessLog([program.name]) as log,
-        Processes(log.show, variables) as processes,
+        Processes(log.show) as processes,
     ):
         return keep_running([program], processes, log.say, stopping)

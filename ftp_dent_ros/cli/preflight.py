@@ -17,7 +17,7 @@ from ftp_dent_ros.cli import argument
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CameraError, ConfigurationError
 from ftp_dent_ros.files import nearest_folder
-from ftp_dent_ros.nodes.declarations import settings_of
+from ftp_dent_ros.nodes.settings import settings_of
 from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.ros.photographer import Photographer

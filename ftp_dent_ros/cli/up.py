@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ftp_dent_ros.cli import argument
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.supervision import transport
 from ftp_dent_ros.supervision.configuration import frozen, read_configuration
 from ftp_dent_ros.supervision.processes import (

@@ -276,8 +276,6 @@ def is_on_rays(
     view: RayGrid,
 ) -> bool:
     """Whether all valid points (rows, columns, 3) lie on the view's rays, ahead of the camera."""
-    if view.shape != valid.shape:
-        return False
     fits = depth > 0
     with np.errstate(invalid='ignore', over='ignore'):
         # Farther off, as a part of their depth, points are not of this camera.
@@ -344,13 +342,13 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
     body: list[bytes] = []
     for name, values, where, scale, step in given:
         # A mask that comes again is written once.
-        known = [number for number, mask in enumerate(masks) if np.array_equal(mask, where)]
-        if not known:
-            known = [len(masks)]
+        same = (number for number, mask in enumerate(masks) if np.array_equal(mask, where))
+        number = next(same, len(masks))
+        if number == len(masks):
             masks.append(where)
             holes.append(_neighbours(where))
         steps = quantise(values, where, scale, step)
-        empty, neighbours = holes[known[0]]
+        empty, neighbours = holes[number]
         steps.flat[empty] = steps.flat[neighbours]
         prediction, packed = pack(steps)
         body += packed
@@ -359,7 +357,7 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
                 'name': name,
                 'scale': scale.value,
                 'step': step,
-                'mask': known[0],
+                'mask': number,
                 'prediction': prediction,
                 'planes': [len(plane) for plane in packed],
             }

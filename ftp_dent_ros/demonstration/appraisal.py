@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import cv2
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, PointCloud2
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.coding.messages import dents_from_message
-from ftp_dent_ros.dents.dent import KINDS
 from ftp_dent_ros.inspection.report import InspectionReport
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
 from ftp_dent_ros.rig.rig import Lens
-from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents, true_index
 from ftp_dent_ros.simulation.world import World
@@ -33,7 +30,6 @@ TYPES = {
     '/points': PointCloud2,
     '/tagged/points': PointCloud2,
     '/tagged/pose': PoseWithCovarianceStamped,
-    '/mavlink/pose': PoseStamped,
 }
 
 # Every third point each way: the mean over a ninth of the points is the same to three digits.
@@ -58,21 +54,23 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
     Returns
     -------
     dict of str to float
-        images, clouds, tagged_clouds, poses: what the bag holds; tagged are those that have both
-        cloud and pose. images_lost, poses_lost: published, and not in the bag. clouds_lost: images
-        without a cloud; tagged_clouds_lost: clouds without the same in ``map`` and a pose.
+        images, clouds, tagged_clouds: what the bag holds; tagged are those that have both cloud
+        and pose. images_lost: published, and not in the bag. clouds_lost: images without a cloud;
+        tagged_clouds_lost: clouds without the same in ``map`` and a pose.
         latency_*: from the middle of the exposure to the tagged cloud's arrival at the recorder.
         camera_mae_*: mean distance of the clouds' points to the true skin in the camera's frame,
         over all clouds and of the worst. map_mae_*: the same in ``map``, with the pose's errors.
     """
-    # How its publisher counts each message, by its stamp.
-    counts: dict[str, dict[int, int]] = {topic: {} for topic in TYPES}
+    stamps: dict[str, set[int]] = {topic: set() for topic in TYPES}
+    image_numbers = []
     errors: dict[str, list[float]] = {'/points': [math.nan], '/tagged/points': [math.nan]}
     latencies = [math.nan]
     for message in bag.messages(TYPES):
         content = _content(message)
         stamp_ns = stamp_to_ns(content.header.stamp)
-        counts[message.topic][stamp_ns] = message.sequence
+        stamps[message.topic].add(stamp_ns)
+        if message.topic == '/camera/image_raw':
+            image_numbers.append(message.sequence)
         if message.topic in errors:
             tagged_one = message.topic == '/tagged/points'
             surface = world.surface if tagged_one else world.seen_surface(stamp_ns)
@@ -81,19 +79,16 @@ def appraise(bag: Bag, world: World, progress: Callable[[], Any] = lambda: None)
             progress()
             if tagged_one:
                 latencies.append((message.log_time_ns - stamp_ns) / 1e6)
-    images, clouds, poses = (
-        counts[topic] for topic in ('/camera/image_raw', '/points', '/mavlink/pose')
-    )
-    tagged = counts['/tagged/points'].keys() & counts['/tagged/pose'].keys()
+    images, clouds = stamps['/camera/image_raw'], stamps['/points']
+    tagged = stamps['/tagged/points'] & stamps['/tagged/pose']
     return {
         'images': len(images),
-        'images_lost': _holes(images.values()),
+        # By the holes in their publisher's count.
+        'images_lost': int(np.ptp(image_numbers)) + 1 - len(image_numbers),
         'clouds': len(clouds),
-        'clouds_lost': len(images.keys() - clouds.keys()),
+        'clouds_lost': len(images - clouds),
         'tagged_clouds': len(tagged),
-        'tagged_clouds_lost': len(clouds.keys() - tagged),
-        'poses': len(poses),
-        'poses_lost': _holes(poses.values()),
+        'tagged_clouds_lost': len(clouds - tagged),
         'latency_median_ms': float(np.nanmedian(latencies)),
         'latency_maximum_ms': float(np.nanmax(latencies)),
         'camera_mae_mm': float(np.nanmean(errors['/points'])),
@@ -120,11 +115,6 @@ def _content(message: Message) -> Any:
     return deserialize_message(message.data, TYPES[message.topic])
 
 
-def _holes(counts: Collection[int]) -> int:
-    """How many of a publisher's messages are missing between the first and the last."""
-    return max(counts) - min(counts) + 1 - len(counts) if counts else 0
-
-
 def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures, dict[int, Pose]]:
     """Compare the skin that a bag's clouds make by the survey's poses with the true one.
 
@@ -140,10 +130,8 @@ def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures
     -------
     dict of str to float
         skin_mae_*: mean distance of the clouds' points to the true skin, which each part is put
-        onto as one, over all clouds and of the worst. skin_place_mm: root mean square of how far
-        points lie from their true places then, mostly along the skin. skin_off_mm: how far the
-        whole is off in the map, by the autopilot, root mean square. skin_parts: in how many parts
-        it is, that share nothing.
+        onto as one, over all clouds and of the worst. skin_parts: in how many parts it is, that
+        share nothing.
     dict of int to Pose
         The moves that put each part onto the true skin, by the stamps of its clouds.
     """
@@ -158,15 +146,12 @@ def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures
         found, true = joined.poses[number].apply(few), world.camera_pose(stamp).apply(few)
         parts.setdefault(groups[number], []).append((stamp, found, true))
     moves: dict[int, Pose] = {}
-    places, offsets = [], []
     for part in parts.values():
         found, true = (np.concatenate([each[i] for each in part]) for i in (1, 2))
         middle, there = found.mean(axis=0), true.mean(axis=0)
         turn, _ = Rotation.align_vectors(true - there, found - middle)
         move = Pose(turn, there - turn.apply(middle))
         moves |= {stamp: move for stamp, *_ in part}
-        places.append(move.apply(found) - true)
-        offsets.append(found - true)
     errors = []
     for stamp, cloud in clouds.items():
         placed = cloud.transformed(moves[stamp] @ joined.poses[joined.numbers[stamp]])
@@ -174,44 +159,9 @@ def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures
     figures = {
         'skin_mae_mm': float(np.mean(errors)),
         'skin_mae_worst_mm': max(errors),
-        'skin_place_mm': _rms(np.concatenate(places)) * 1e3,
-        'skin_off_mm': _rms(np.concatenate(offsets)) * 1e3,
         'skin_parts': len(parts),
     }
     return figures, moves
-
-
-def _rms(offsets: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.square(offsets).sum(axis=-1).mean()))
-
-
-def false_in_list(listed: NDArray[Any], truth: Sequence[TrueDent]) -> int:
-    """How many of the dents of a list are not there.
-
-    A listed dent is true if it lies by a true one within what it states of its place, and has
-    its sizes.
-
-    Parameters
-    ----------
-    listed : ndarray
-        Structured, shape (n,), as of `ftp_dent_ros.coding.messages.dents_from_message`, metres.
-    truth : sequence of TrueDent
-        In the list's frame of reference.
-    """
-    may_be = np.zeros(len(listed), bool)
-    for true in truth:
-        off = np.stack([listed[axis] for axis in 'xyz'], axis=-1) - true.position
-        # Three standard uncertainties of three axes hold 97 in 100.
-        reach = true.length / 2 + 3.0 * listed['position_uncertainty']
-        agrees = np.linalg.norm(off, axis=-1) <= reach
-        sizes = {'length': true.length, 'width': true.width, 'depth': true.depth}
-        for name, size in sizes.items():
-            # What differs by more is another dent, however badly it was measured.
-            allowed = 4.0 * np.nan_to_num(listed[f'{name}_uncertainty']) + 0.25 * size
-            # Of a cut one the rest is not known; what is not known of a size is not against it.
-            agrees &= (listed['is_cut'] > 0) | ~(np.abs(listed[name] - size) > allowed)
-        may_be |= agrees
-    return int((~may_be).sum())
 
 
 def appraise_dents(
@@ -239,8 +189,7 @@ def appraise_dents(
         shows. sightings, sightings_missed: how often a true dent lies wholly inside a cloud, and
         is not found in it. dents_false: listed, and not there. depth_error_mm, length_error_mm,
         width_error_mm: largest of the combined measurements of dents that were seen whole.
-        dents_in_list, dents_false_in_list: what the node's own list held at the end, and what of
-        it is no true dent. clouds_not_inspected. others: reported as something else than a dent.
+        clouds_not_inspected. others: reported as something else than a dent.
     """
     truth = [true for true in true_dents(world.surface) if true.depth > 0]
     stamps = {frame.number: frame.stamp_ns or 0 for frame in report.frames}
@@ -255,13 +204,12 @@ def appraise_dents(
     found: set[tuple[int, int]] = set()
     false = 0
     errors = []
-    nowhere = Pose(Rotation.identity(), np.zeros(3))
     for entry in report.entries:
         dent, is_dent = entry.dent, entry.dent.kind == 'dent'
         # A dent that two parts of the flight share lies in the list where one of them has it.
         places = [(entry.best, dent.position)]
         places += [(b.frame, a.dent.position) for a in entry.sightings for b in entry.sightings]
-        at = (moves.get(stamps[number], nowhere).apply(place) for number, place in places)
+        at = (moves.get(stamps[number], IDENTITY).apply(place) for number, place in places)
         indices = (true_index(each, truth) for each in at)
         index = next((each for each in indices if each is not None), None)
         if index is None:
@@ -275,7 +223,6 @@ def appraise_dents(
             true = truth[index]
             errors.append(np.subtract(measured, (true.depth, true.length, true.width)))
     whole = {index for index, _ in expected}
-    listed_by_node = _last_list(bag)
     worst = np.abs(errors).max(axis=0) * 1e3 if errors else np.full(3, np.nan)
     return {
         'dents': len(whole),
@@ -286,8 +233,6 @@ def appraise_dents(
         'depth_error_mm': float(worst[0]),
         'length_error_mm': float(worst[1]),
         'width_error_mm': float(worst[2]),
-        'dents_in_list': len(listed_by_node),
-        'dents_false_in_list': false_in_list(listed_by_node, truth),
         'clouds_not_inspected': len(report.refused),
         'others': len(report.others),
     }
@@ -306,12 +251,3 @@ def _lies_in(true: TrueDent, cloud: Cloud, seen_from: Pose, camera: Lens) -> boo
     rows, columns = mask.shape
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     return bool(inside.all() and mask[row, column].all())
-
-
-def _last_list(bag: Bag) -> NDArray[Any]:
-    """Dents in the last list that the node published, as of `dents_from_message`."""
-    messages = list(bag.messages(['/dents/list']))
-    nothing = dents_to_message([], 0, 'map')
-    last = deserialize_message(messages[-1].data, PointCloud2) if messages else nothing
-    dents = dents_from_message(last)
-    return dents[dents['kind'] == KINDS.index('dent')]

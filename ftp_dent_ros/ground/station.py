@@ -173,11 +173,6 @@ class Station:
         self._thread = threading.Thread(target=self._report, name='reports', daemon=True)
         self._thread.start()
 
-    @property
-    def silence(self) -> float:
-        """Seconds since anything came; infinite if nothing ever did."""
-        return time.monotonic() - self._heard
-
     def rate(self) -> float:
         """byte/s that came in the last ten seconds."""
         since = time.monotonic() - _WINDOW
@@ -186,13 +181,14 @@ class Station:
 
     def summary(self) -> tuple[int, str]:
         """Level of the link (0 works, 1 warns) and a sentence."""
-        if self.silence == float('inf'):
+        silence = time.monotonic() - self._heard
+        if silence == float('inf'):
             return 1, (
                 'nothing has come from the drone yet: if it stays so, see whether the address is '
                 "the drone's, a downlink runs there, and the keys of both ends were made together"
             )
-        if self.silence > SILENCE:
-            return 1, f'nothing has come from the drone for {self.silence:.0f} s'
+        if silence > SILENCE:
+            return 1, f'nothing has come from the drone for {silence:.0f} s'
         return 0, 'the link to the drone works'
 
     def change(self) -> str:

@@ -8,7 +8,6 @@ simulation stand still while nobody does.
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -41,7 +40,6 @@ from ftp_dent_ros.ros.messages import (
     image_to_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import IMAGES, OVERRIDABLE, PATTERNS
 
 # Seconds: until a photograph on demand, between two looks at whether to stop, and after a reader
@@ -54,6 +52,8 @@ _ACKNOWLEDGED = Duration(seconds=1.5)
 
 class CameraCapture(PayloadNode[CameraCaptureSettings]):
     """Node that takes photographs in a thread of its own and publishes them."""
+
+    threads = 2
 
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_capture', **options)
@@ -70,14 +70,7 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
         self._was_wanted = False
         if isinstance(self._source, SimulatedSource):
             project = partial(self._on_projected, self._source)
-            self.hear(
-                Image,
-                'projector/image_raw',
-                project,
-                PATTERNS,
-                'no pattern could be projected',
-                'wrong pattern',
-            )
+            self.hear(Image, 'projector/image_raw', project, PATTERNS, 'wrong pattern')
         # It waits for the photograph, in the executor's second thread.
         self.create_service(
             Trigger, '~/capture', self._on_capture, callback_group=MutuallyExclusiveCallbackGroup()
@@ -212,11 +205,3 @@ def make_source(given: CameraCaptureSettings, now_ns: Callable[[], int]) -> Sour
 
     world = LiveWorld(given.scene, given.start_ns)
     return SimulatedSource(partial(world.photograph, rig), rate, now_ns)
-
-
-#: Run the node as a process.
-main = partial(run, CameraCapture, 'camera_capture', threads=2)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -13,11 +13,9 @@ nobody subscribes, unless the parameter `always` asks for the list.
 from __future__ import annotations
 
 import json
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -44,8 +42,7 @@ from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
-from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.qos import DENTS, LATCHED
+from ftp_dent_ros.ros.qos import LATCHED, POSES
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
 # comes together with the next.
@@ -57,12 +54,14 @@ _PATIENCE = 60.0
 class DentInspector(PayloadNode[DentInspectorSettings]):
     """Node that turns clouds into dents, and keeps the list of a flight's."""
 
+    threads = 2
+
     def __init__(self, **options: Any) -> None:
         super().__init__('dent_inspector', **options)
         given = self.given
         self._tagged = given.source == TAGGED
         self._smallest = SmallestDent(given.smallest_depth, given.smallest_width)
-        self._dents = self.create_publisher(PointCloud2, 'dents', DENTS)
+        self._dents = self.create_publisher(PointCloud2, 'dents', POSES)
         self._listing = DentListing(self, given.list_file if self._tagged else '', self._tagged)
         # In the end all clouds that came are put into the list first.
         self._worker = self.worker(
@@ -177,9 +176,8 @@ class DentListing:
                 self._kept.clear()
             with self._kept_on_disk():
                 self._kept.add(frame_id, stamp_ns, dents, pose, covariance)
-            # Meanwhile it may have been found to lie elsewhere.
-            if stamp_ns in self._poses:
-                with self._kept_on_disk():
+                # Meanwhile it may have been found to lie elsewhere.
+                if stamp_ns in self._poses:
                     self._kept.correct(frame_id, {stamp_ns: self._poses[stamp_ns]})
         self._drawing.put(self._kept)
 
@@ -237,11 +235,3 @@ class DentListing:
         count = sum(entry.dent.kind == 'dent' for entry in entries)
         self.on_glass = sentence(dents.glass)
         self._diagnostics.note({'dents in the list': count, 'marks on a glass': len(dents.glass)})
-
-
-#: Run the node as a process.
-main = partial(run, DentInspector, 'dent_inspector', threads=2)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

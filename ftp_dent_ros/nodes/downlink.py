@@ -8,7 +8,6 @@ once each. The payload never waits for any of this.
 from __future__ import annotations
 
 import struct
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -24,12 +23,11 @@ from std_srvs.srv import Trigger
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.cloud_codec import RayGrid, encode, thinned
 from ftp_dent_ros.coding.messages import message_class
-from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.commands import Answer, Executive, Recordings
 from ftp_dent_ros.ground.drone import Drone
 from ftp_dent_ros.ground.link import GroundLink
-from ftp_dent_ros.ground.protocol import Item
+from ftp_dent_ros.ground.protocol import Item, remember
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import DownlinkSettings
 from ftp_dent_ros.rig.rig import Lens
@@ -40,15 +38,11 @@ from ftp_dent_ros.ros.messages import (
     lens_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, DIAGNOSTICS, IMAGES, LATCHED, POSES
 
 
 def _jpeg(bgr: Any, quality: int) -> bytes:
-    done, data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
-        raise ImageError('a picture could not be compressed: look at its size')
-    return data.tobytes()
+    return cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
 
 
 class Downlink(PayloadNode[DownlinkSettings]):
@@ -89,14 +83,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
                 forward, qos = partial(self._forward, topic), LATCHED if topic.latest else POSES
                 self.hear(message_class(topic.type), topic.name, forward, qos, raw=True)
         self.hear(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, DIAGNOSTICS)
-        self.hear(
-            CameraInfo,
-            topics.CAMERA_INFO,
-            self._learn,
-            IMAGES,
-            'camera_info could not be read',
-            'wrong camera_info',
-        )
+        self.hear(CameraInfo, topics.CAMERA_INFO, self._learn, IMAGES, 'wrong camera_info')
         self.hear(PointCloud2, topics.POINTS, coding.put, CLOUDS)
         if given.pictures:
             self.hear(Image, topics.IMAGE, coding.put, CLOUDS)
@@ -112,8 +99,7 @@ class Downlink(PayloadNode[DownlinkSettings]):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if len(self._statuses) < 100:
-                self._statuses[status.name] = status
+            remember(self._statuses, status.name, status, 100)
         if self._drone.is_due(topics.DIAGNOSTICS):
             array = DiagnosticArray(status=list(self._statuses.values()))
             array.header.stamp = self.get_clock().now().to_msg()
@@ -181,11 +167,3 @@ class Downlink(PayloadNode[DownlinkSettings]):
             (state['grounds'] == '0', WARN, unheard),
             (True, OK, f'{state["rate (kbit/s)"]} kbit/s'),
         )
-
-
-#: Run the node as a process.
-main = partial(run, Downlink, 'downlink')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -6,7 +6,6 @@ Commands go the other way, as services.
 from __future__ import annotations
 
 import queue
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -42,7 +41,6 @@ from ftp_dent_ros.ros.messages import (
     stamp_to_ns,
     to_data,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
 
 if TYPE_CHECKING:
@@ -63,7 +61,8 @@ class GroundTopics:
     def __init__(self, node: PayloadNode[Any]) -> None:
         self._diagnostics = node.diagnostics
         self._poses: dict[int, tuple[Pose, str]] = {}
-        self._untagged: dict[int, bytes] = {}
+        #: Clouds that wait for their pose.
+        self.untagged: dict[int, bytes] = {}
         self._publishers = {
             name: node.create_publisher(message_class(kind), name, CLOUDS)
             for name, kind in topics.MADE_ON_THE_GROUND.items()
@@ -71,11 +70,6 @@ class GroundTopics:
         for name, topic in topics.TOPICS.items():
             qos = LATCHED if topic.latest else CLOUDS if topic.coded else POSES
             self._publishers[name] = node.create_publisher(message_class(topic.type), name, qos)
-
-    @property
-    def untagged(self) -> int:
-        """How many clouds wait for their pose."""
-        return len(self._untagged)
 
     def publish(self, item: Item) -> None:
         """Publish what an item holds.
@@ -102,8 +96,8 @@ class GroundTopics:
             stamp = stamp_to_ns(message.header.stamp)
             pose = pose_from_message(message.pose.pose), message.header.frame_id
             remember(self._poses, stamp, pose, 100_000)
-            if stamp in self._untagged:
-                self._publish_tagged(decode(self._untagged.pop(stamp)), stamp)
+            if stamp in self.untagged:
+                self._publish_tagged(decode(self.untagged.pop(stamp)), stamp)
 
     def _publish_cloud(self, item: Item) -> None:
         cloud, stamp_ns = decode(item.data), item.stamp_ns
@@ -114,7 +108,7 @@ class GroundTopics:
         if stamp_ns in self._poses:
             self._publish_tagged(cloud, stamp_ns)
         else:
-            remember(self._untagged, stamp_ns, item.data, 200)
+            remember(self.untagged, stamp_ns, item.data, 200)
 
     def _publish_tagged(self, cloud: Cloud, stamp_ns: int) -> None:
         pose, frame = self._poses.pop(stamp_ns)
@@ -142,6 +136,8 @@ class GroundTopics:
 
 class GroundStation(PayloadNode[GroundStationSettings]):
     """Node that publishes what a drone's downlink sends, and passes commands up."""
+
+    threads = 4
 
     def __init__(self, **options: Any) -> None:
         super().__init__('ground_station', **options)
@@ -199,7 +195,7 @@ class GroundStation(PayloadNode[GroundStationSettings]):
                     self._topics.publish(item)
 
     def _judge(self) -> Sequence[Verdict]:
-        waiting = {'clouds waiting for their pose': self._topics.untagged}
+        waiting = {'clouds waiting for their pose': len(self._topics.untagged)}
         self.diagnostics.note({**self._station.state(), **waiting})
         self._drone_is_here = 'downlink' in self.get_node_names()
         if not self._drone_is_here and (change := self._station.change()):
@@ -210,11 +206,3 @@ class GroundStation(PayloadNode[GroundStationSettings]):
             'twice: choose another ROS_DOMAIN_ID for the ground'
         )
         return (self._drone_is_here, ERROR, here), (level, WARN, text), (True, OK, text)
-
-
-#: Run the node as a process.
-main = partial(run, GroundStation, 'ground_station', threads=4)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -10,12 +10,9 @@ logged with its reason, and nothing is published in its place.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +26,6 @@ from geometry_msgs.msg import (
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo, NavSatFix, NavSatStatus, PointCloud2
 from std_srvs.srv import Trigger
@@ -54,8 +50,7 @@ from ftp_dent_ros.ros.messages import (
     pose_to_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
-from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS
+from ftp_dent_ros.ros.qos import CLOUDS, IMAGES, LATCHED, OVERRIDABLE, POSES, PREVIEWS, quality
 
 _LEVELS = {'ok': OK, 'warning': WARN, 'error': ERROR}
 
@@ -66,27 +61,17 @@ except ImportError:
     TFMessage = None
 
 
-@dataclass(frozen=True, eq=False)
 class Waiting:
-    """A cloud or the telling of an image that waits for its pose.
+    """A cloud or the telling of an image that waits for its pose from now on."""
 
-    Attributes
-    ----------
-    message : sensor_msgs/PointCloud2 or sensor_msgs/CameraInfo
-    stamp : int
-        Nanoseconds.
-    arrival : float
-        Seconds of steady time.
-    """
+    def __init__(self, message: Any) -> None:
+        self.message, self.stamp = message, stamp_to_ns(message.header.stamp)
+        self._arrival = time.monotonic()
 
-    message: Any
-    stamp: int
-    arrival: float
-
-    @staticmethod
-    def of(message: Any) -> Waiting:
-        """A message that has just come."""
-        return Waiting(message, stamp_to_ns(message.header.stamp), time.monotonic())
+    @property
+    def waited(self) -> float:
+        """Seconds since it came."""
+        return time.monotonic() - self._arrival
 
 
 def settled(
@@ -98,8 +83,7 @@ def settled(
         try:
             found: Tag | PoseError = link.tag_at(each.stamp)
         except PoseError as error:
-            is_young = time.monotonic() - each.arrival < timeout
-            if is_young and isinstance(error, PoseAwaitedError):
+            if each.waited < timeout and isinstance(error, PoseAwaitedError):
                 waiting.append(each)
                 continue
             found = error
@@ -120,21 +104,14 @@ class BridgeCamera:
         self._commands: deque[Any] = deque(maxlen=20)
         self._images: deque[Waiting] = deque(maxlen=20)
         self._client = node.create_client(Trigger, 'camera_capture/capture')
-        self._news = node.create_guard_condition(self._settle)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(0.1, self._settle, clock=steady)
-        node.create_timer(1.0, self._send_heartbeat, clock=steady)
         node.hear(CameraInfo, 'camera/camera_info', self._on_camera_info, IMAGES)
 
     def take(self, command: Any) -> None:
-        """Keep a command for `_settle`; from any thread."""
+        """Keep a command for `settle`; from any thread."""
         self._commands.append(command)
-        self._news.trigger()
+        self._node.news.trigger()
 
-    def _send_heartbeat(self) -> None:
-        self._node.link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
-
-    def _settle(self) -> None:
+    def settle(self) -> None:
         """Answer what can be answered by now."""
         has_news = self._commands or self._images or self._size != self._sent_size
         state = self._node.link.state() if has_news else None
@@ -161,7 +138,7 @@ class BridgeCamera:
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         self._size = (message.width, message.height)
-        self._images.append(Waiting.of(message))
+        self._images.append(Waiting(message))
 
     def _shoot(self) -> bool:
         if not self._client.service_is_ready():
@@ -198,8 +175,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._said: tuple[str, str] | None = None
         # Clouds that waited for one report are published in one breath: a shorter history would
         # throw those away that nobody has fetched yet.
-        depth = max(POSES.depth, given.queue_size)
-        history = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+        history = quality(True, False, max(POSES.depth, given.queue_size))
         self._points = self.create_publisher(
             PointCloud2, 'tagged/points', history, qos_overriding_options=OVERRIDABLE
         )
@@ -216,19 +192,19 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._transforms: list[Publisher] = []
         if given.publish_tf and TFMessage is not None:
             # As tf2_ros has them.
-            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             self._transforms = [
-                self.create_publisher(TFMessage, '/tf', QoSProfile(depth=100)),
-                self.create_publisher(TFMessage, '/tf_static', latched),
+                self.create_publisher(TFMessage, '/tf', 100),
+                self.create_publisher(TFMessage, '/tf_static', LATCHED),
             ]
         frames = given.base_frame, given.camera_frame
         self._transform(self._mount, *frames, self.now_ns(), is_static=True)
         self.hear(PointCloud2, 'points', self._on_points, CLOUDS)
-        self._news = self.create_guard_condition(self._settle)
+        #: Triggered when something that waits may be settled.
+        self.news = self.create_guard_condition(self._settle)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self._settle, clock=steady)
-        self.create_timer(1.0, lambda: self.link.send_heartbeat(), clock=steady)
-        camera = BridgeCamera(self, self._mount) if given.is_camera else None
+        self.create_timer(1.0, self._send_heartbeats, clock=steady)
+        self._camera = BridgeCamera(self, self._mount) if given.is_camera else None
         # Last, for its thread must not be left behind if something above fails.
         self.link = Link(
             given.address,
@@ -237,7 +213,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             self.now_ns,
             self._on_link_poses,
             given.signing_key or b'',
-            camera.take if camera else lambda command: None,
+            self._camera.take if self._camera else lambda command: None,
         )
         self.ending.callback(self.link.close)
 
@@ -248,7 +224,12 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
             self._poses.publish(pose_stamped_message(pose, stamp, self.given.map_frame))
             self._transform(pose, self.given.map_frame, self.given.base_frame, stamp)
         if self._waiting:
-            self._news.trigger()
+            self.news.trigger()
+
+    def _send_heartbeats(self) -> None:
+        self.link.send_heartbeat()
+        if self._camera:
+            self.link.send_heartbeat(mavlink.MAV_TYPE_CAMERA, COMPONENT)
 
     def _transform(
         self, pose: Pose, parent: str, child: str, stamp_ns: int, is_static: bool = False
@@ -275,7 +256,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
                 f'{self.given.camera_frame!r}: set camera_frame',
                 'wrong frame',
             )
-        self._waiting.append(Waiting.of(message))
+        self._waiting.append(Waiting(message))
         self._settle()
         while len(self._waiting) > self.given.queue_size:
             # There is no room for it any more: it is refused for what it has waited for.
@@ -283,29 +264,31 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
 
     def _settle(self) -> None:
         self._tag(self._waiting, self.settings['pose_timeout'])
+        if self._camera:
+            self._camera.settle()
 
     def _tag(self, waiting: deque[Waiting], timeout: float) -> None:
         """Tag or refuse each waiting cloud for which that can be said by now."""
         for cloud, found in settled(waiting, self.link, timeout):
             with self.diagnostics.guarded('a cloud could not be tagged'):
                 if isinstance(found, PoseError):
-                    age, waited = self.now_ns() - cloud.stamp, time.monotonic() - cloud.arrival
+                    age = self.now_ns() - cloud.stamp
                     raise PoseError(
                         f'no pose for the cloud of {cloud.stamp / 1e9:.3f} ({age / 1e9:.1f} s '
-                        f'ago) after {waited:.1f} s: {found}',
+                        f'ago) after {cloud.waited:.1f} s: {found}',
                         found.reason,
                     )
                 self._publish(cloud, found)
 
-    def _publish(self, waited: Waiting, tag: Tag) -> None:
+    def _publish(self, waiting: Waiting, tag: Tag) -> None:
         """Publish a cloud and its poses: all or none, but for clouds that nobody subscribes to."""
-        stamp, frame = waited.stamp, self.given.map_frame
+        stamp, frame = waiting.stamp, self.given.map_frame
         camera = tag.pose @ self._mount
         covariance = pose_covariance.of_mounted(
             tag.covariance, tag.pose, self._mount, self._mount_covariance
         )
         # Read whether somebody takes it or not: of what is no cloud there is no pose either.
-        cloud = cloud_from_message(waited.message)
+        cloud = cloud_from_message(waiting.message)
         if self._points.get_subscription_count():
             self._points.publish(cloud_to_message(cloud.transformed(camera), stamp, frame))
         if self._preview.get_subscription_count():
@@ -314,7 +297,7 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self._camera_pose.publish(covariant_pose_message(camera, covariance, stamp, frame))
         self._pose.publish(covariant_pose_message(tag.pose, tag.covariance, stamp, frame))
         self.diagnostics.count('tagged')
-        self.diagnostics.count('waited', time.monotonic() - waited.arrival)
+        self.diagnostics.count('waited', waiting.waited)
         deviations = np.sqrt(np.diag(covariance))
         self.diagnostics.note(
             {
@@ -365,11 +348,3 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
                     position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
                 )
             )
-
-
-#: Run the node as a process.
-main = partial(run, MavlinkBridge, 'mavlink_bridge')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -13,11 +13,9 @@ a minute without any.
 from __future__ import annotations
 
 import dataclasses
-import sys
 import time
 from collections import deque
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,7 +28,6 @@ from ftp_dent_ros.nodes.settings import PatternPublisherSettings
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import camera_info_message, image_from_message, image_to_message
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import LATCHED, LATCHED_INPUT, PATTERNS
 from ftp_dent_ros.window import Window
 
@@ -57,9 +54,7 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
             self.create_timer(0.1, self._display.refresh)
             self.create_timer(_TICK, self._show)
         self._shown_until: float | None = None
-        self.hear(
-            Image, 'projector/show', self._on_show, LATCHED_INPUT, 'an image could not be shown'
-        )
+        self.hear(Image, 'projector/show', self._on_show, LATCHED_INPUT)
         self.create_timer(0.5, self._return)
         self.settings.on_change(self._change)
         self._publish()
@@ -166,11 +161,3 @@ class PatternPublisher(PayloadNode[PatternPublisherSettings]):
             (self._shown_until is not None, WARN, others),
             (True, OK, f'{does}, {self._image.get_subscription_count()} subscribers'),
         )
-
-
-#: Run the node as a process.
-main = partial(run, PatternPublisher, 'pattern_publisher')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

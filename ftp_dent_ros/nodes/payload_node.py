@@ -9,8 +9,7 @@ from typing import Any, Generic, TypeVar
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from ftp_dent_ros.nodes.declarations import names_of_all
-from ftp_dent_ros.nodes.settings import OF_NODES, read
+from ftp_dent_ros.nodes.settings import OF_NODES, names_of_all, read
 from ftp_dent_ros.ros.diagnostics import Diagnostics, Verdict
 from ftp_dent_ros.ros.node import NewestWorker
 from ftp_dent_ros.ros.parameters import Parameters
@@ -36,6 +35,8 @@ class PayloadNode(Node, Generic[Settings]):
     """
 
     given: Settings
+    #: Of its executor: more than one for a node with a callback that waits.
+    threads = 1
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -61,17 +62,16 @@ class PayloadNode(Node, Generic[Settings]):
         topic: str,
         take: Callable[[Any], None],
         qos: QoSProfile,
-        what: str = '',
         reason: str = '',
         **options: Any,
     ) -> None:
         """Subscribe to a topic; what `take` raises is told and ends nothing.
 
-        `what` and `reason` are those of `Diagnostics.guarded`.
+        `reason` is that of `Diagnostics.guarded`.
         """
 
         def guarded(message: Any) -> None:
-            with self.diagnostics.guarded(what or f'{topic} could not be taken', reason):
+            with self.diagnostics.guarded(f'{topic} could not be taken', reason):
                 take(message)
 
         self.create_subscription(

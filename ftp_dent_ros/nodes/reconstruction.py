@@ -10,11 +10,10 @@ is refused with its reason, in the log and on ``/diagnostics``.
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -25,7 +24,6 @@ from ftp_dent_ros.errors import (
     NoFringesError,
     PatternChangeError,
     PatternError,
-    RefusedFrameError,
     StampError,
     WrongCalibrationError,
 )
@@ -36,6 +34,7 @@ from ftp_dent_ros.pattern.drawn import pattern_from_image
 from ftp_dent_ros.pattern.history import PatternHistory
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
@@ -44,7 +43,6 @@ from ftp_dent_ros.ros.messages import (
     photograph_from_message,
     stamp_to_ns,
 )
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, PATTERNS, AnySubscription
 
 
@@ -55,7 +53,8 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         super().__init__('reconstruction', **options)
         given = self.given
         self._patterns = PatternHistory(round(1e9 * given.pattern_settling))
-        self._prepared: dict[tuple[Pattern, Settings], Reconstructor] = {}
+        # With their tables: of the patterns before and after a change.
+        self._prepared = lru_cache(maxsize=2)(Reconstructor)
         self._points = self.create_publisher(
             PointCloud2, 'points', CLOUDS, qos_overriding_options=OVERRIDABLE
         )
@@ -66,14 +65,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self._covered: deque[tuple[int, Coverage]] = deque(maxlen=100)  # of a second
         self._worker = self.worker(self._reconstruct, 'an image could not be reconstructed')
         # No image at all tells nothing of what is projected.
-        self.hear(
-            Image,
-            'projector/image_raw',
-            self._on_pattern,
-            PATTERNS,
-            'a pattern could not be read',
-            'wrong pattern',
-        )
+        self.hear(Image, 'projector/image_raw', self._on_pattern, PATTERNS, 'wrong pattern')
         AnySubscription(
             self, CameraInfo, 'camera/camera_info', lambda info, _: self._watch.on_info(info)
         )
@@ -104,9 +96,11 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         self.get_logger().info(
             f'pattern with period {period} px, {pattern.code} code, centre at {stripe} px'
         )
-        # The tables are made now, so that the first image does not wait for them.
-        with contextlib.suppress(RefusedFrameError, PatternError):
-            self._reconstructor(pattern)
+        rig = self.given.rig
+        if rig is not None:
+            # The tables are made now, so that the first image does not wait for them.
+            with contextlib.suppress(PatternError):
+                self._reconstructor(rig, pattern)
 
     def _on_image(self, message: Image, _: Any) -> None:
         self.diagnostics.count('images')
@@ -118,9 +112,12 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         stamp_ns, frame_id = stamp_to_ns(message.header.stamp), message.header.frame_id
         with self.diagnostics.timed('clouds', stamp_ns):
             self._check_stamp(stamp_ns)
+            rig = self.given.rig
+            if rig is None:
+                raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
             pattern = self._pattern_at(stamp_ns)
             photograph = photograph_from_message(message, self.given.bits)
-            measurement = self._reconstructor(pattern).measure(
+            measurement = self._reconstructor(rig, pattern).measure(
                 photograph, self._skin.get_subscription_count() > 0
             )
             cloud = measurement.cloud
@@ -159,24 +156,15 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
 
     def _pattern_at(self, stamp_ns: int) -> Pattern:
         """Pattern that a photograph of the time shows; raises the refusal if it is not known."""
-        if self.given.rig is None:
-            raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
         if self._watch.wrong_calibration:
             raise WrongCalibrationError(self._watch.wrong_calibration)
         return self._patterns.at(stamp_ns)
 
-    def _reconstructor(self, pattern: Pattern) -> Reconstructor:
+    def _reconstructor(self, rig: Rig, pattern: Pattern) -> Reconstructor:
         """Reconstructor for a pattern and the settings of the moment; made when they change."""
-        if self.given.rig is None:
-            raise NoCalibrationError('no rig is set: set the parameter rig to its rig.yaml')
         # Options of the other methods wait until one of them is chosen.
         chosen = Settings.chosen(**{name: self.settings[name] for name in self.given.choices})
-        key, prepared = (pattern, chosen), self._prepared
-        if key not in prepared:
-            # Two are kept with their tables: of the patterns before and after a change.
-            kept = list(prepared.items())[-1:]
-            prepared = self._prepared = dict([*kept, (key, Reconstructor(self.given.rig, *key))])
-        return prepared[key]
+        return self._prepared(rig, pattern, chosen)
 
     def _note_coverage(self) -> None:
         """Show what of the lit area has points, of the worst cloud since the last second."""
@@ -214,11 +202,3 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
             (not self._points.get_subscription_count(), OK, 'idle: nobody subscribes to points'),
             (not self.diagnostics.recent('images'), OK, 'waiting for images'),
         )
-
-
-#: Run the node as a process.
-main = partial(run, Reconstruction, 'reconstruction')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -47,7 +47,6 @@ class RigWatch:
         self._diagnostics, self._logger = node.diagnostics, node.get_logger()
         self.wrong_calibration = ''
         self._camera_info: tuple[Any, ...] = ()
-        self._info_came = False
         self._epipolar: deque[EpipolarCheck] = deque(maxlen=LAST)
         self._lights: deque[NDArray] = deque(maxlen=FLICKER_LAST)
         self._epipolar_trouble, self._turned = '', ''
@@ -57,6 +56,8 @@ class RigWatch:
         )
         node.ending.callback(self._aside.end)
         self._diagnostics.note({'rig': self._rig.id if self._rig else 'none'})
+        if self._rig is not None:
+            self._diagnostics.note({'camera_info': "none came: the rig's own camera is believed"})
 
     @property
     def trouble(self) -> str:
@@ -71,7 +72,6 @@ class RigWatch:
         values = (message.width, message.height, tuple(message.k), tuple(message.d))
         if self._rig is None or values == self._camera_info:
             return
-        self._info_came = True
         try:
             lens = lens_from_message(message)
         except RigError as error:
@@ -92,10 +92,6 @@ class RigWatch:
         """Look at another photograph and its cloud."""
         if self._rig is None:
             return
-        if not self._info_came:
-            without = "none came: the rig's own camera is believed"
-            self._diagnostics.note({'camera_info': without})
-            self._logger.warning(f'camera_info: {without}', once=True)
         self._note_flicker(self._rig, photograph, measurement.cloud.points)
         self._note_epipolar(measurement.epipolar)
         self._worker.put((self._rig, pattern, photograph, measurement.cloud.points))

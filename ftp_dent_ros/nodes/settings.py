@@ -1,7 +1,8 @@
 """The parameters of every node: what each is called, its default, its range, and what it is for.
 
 A node's parameters are the fields of a dataclass, declared by `read`, on a node or on the values
-of a configuration. One file serves for each camera, so that those of all its sources are there.
+of a configuration (`fitted`), without rclpy. One file serves for each camera, so that those of all
+its sources are there.
 """
 
 # What is called for the fields is dataclasses.field.
@@ -10,8 +11,8 @@ of a configuration. One file serves for each camera, so that those of all its so
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
@@ -19,11 +20,13 @@ from ftp_dent_ros.capture.device import CameraSettings
 from ftp_dent_ros.dents.dent import RANGES, SmallestDent
 from ftp_dent_ros.ground.link import PORT, Security, endpoints
 from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR, VehicleSettings
-from ftp_dent_ros.parameters import Declarations
+from ftp_dent_ros.parameters import Declarations, flat
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.profilometry.settings import METHODS, UNWRAPPINGS, Settings
 from ftp_dent_ros.rig.rig import Rig, read_rig
+from ftp_dent_ros.supervision.configuration import NodeEntry
+from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
 
 if TYPE_CHECKING:
     from ftp_dent_ros.dents.rules import Rules
@@ -605,6 +608,15 @@ class GroundStationSettings(LinkSettings):
     )
 
 
+@dataclass(frozen=True)
+class SimulatedAutopilotSettings:
+    """Of simulated_autopilot, which takes them as options: they are only checked here."""
+
+    scene: Path | None = setting('shipped:scene.yaml', 'Scene file.', declare='file')
+    address: str = setting('udpout:127.0.0.1:14550', 'Where the bridge is.')
+    start_ns: int = setting(0, 'ROS time at which the flight starts, nanoseconds.')
+
+
 OF_NODES: dict[str, Any] = {
     'pattern_publisher': PatternPublisherSettings,
     'camera_capture': CameraCaptureSettings,
@@ -615,3 +627,46 @@ OF_NODES: dict[str, Any] = {
     'downlink': DownlinkSettings,
     'ground_station': GroundStationSettings,
 }
+
+
+def names_of_all() -> tuple[str, ...]:
+    """Names of the parameters of all nodes."""
+    given = Declarations({})
+    for settings in OF_NODES.values():
+        read(settings, given)
+    return tuple(given.made)
+
+
+def fitted(entries: Sequence[NodeEntry]) -> tuple[NodeEntry, ...]:
+    """Entries whose parameters the nodes will take, with their relative paths made absolute.
+
+    Relative to the folder of the configuration, that is.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is wrong, or none of the node's; or a file that one names is not there.
+    """
+    return tuple(map(_fitted, entries))
+
+
+def settings_of(entry: NodeEntry) -> Any:
+    """A node's settings as it will have them: one of `OF_NODES`; raises as `fitted`."""
+    return read(OF_NODES[entry.executable], _given(entry))
+
+
+def _given(entry: NodeEntry) -> Declarations:
+    values = {**dict(flat(entry.shared)), **dict(flat(entry.parameters))}
+    return Declarations(values, entry.file.parent, f'{entry.file}: {entry.name}')
+
+
+def _fitted(entry: NodeEntry) -> NodeEntry:
+    if entry.executable == SIMULATED_AUTOPILOT:
+        # No ROS node: what stands under /** is not for it.
+        entry = replace(entry, shared={})
+    own, given = dict(flat(entry.parameters)), _given(entry)
+    read(OF_NODES.get(entry.executable, SimulatedAutopilotSettings), given)
+    given.refuse_others(
+        [name for name, _ in flat(entry.shared) if name not in own], names_of_all()
+    )
+    return replace(entry, absolute=given.absolute, files=given.files)

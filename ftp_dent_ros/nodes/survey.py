@@ -9,7 +9,6 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -27,13 +26,9 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.dent_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import covariant_pose_message, make_header, pose_stamped_message
-from ftp_dent_ros.ros.node import run
 from ftp_dent_ros.ros.qos import LATCHED, POSES
 from ftp_dent_ros.survey.footprint import Footprint, seen_skin
 from ftp_dent_ros.survey.joining import Joining
-
-# Stamps, poses and footprints of all clouds.
-State = tuple[tuple[int, ...], tuple[Pose, ...], tuple[Footprint, ...]]
 
 
 class Survey(PayloadNode[SurveySettings]):
@@ -94,8 +89,10 @@ class Survey(PayloadNode[SurveySettings]):
         self._drawing.put((stamps, poses, tuple(joining.footprints)))
         self._tell_pairs()
 
-    def _draw(self, state: State) -> None:
-        """Publish the path and the coverage of a state, in the drawing's thread."""
+    def _draw(
+        self, state: tuple[tuple[int, ...], tuple[Pose, ...], tuple[Footprint, ...]]
+    ) -> None:
+        """Publish path and coverage of stamps, poses and footprints, in the drawing's thread."""
         stamps, poses, footprints = state
         frame = self.given.map_frame
         if self._path.get_subscription_count():
@@ -142,11 +139,3 @@ class Survey(PayloadNode[SurveySettings]):
             (is_idle, OK, 'waiting for clouds and their skin'),
             (not has_skin, WARN, alone),
         )
-
-
-#: Run the node as a process.
-main = partial(run, Survey, 'survey')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -23,60 +23,12 @@ Verdict = tuple[object, bytes, str]
 
 # Seconds that rates are of, and between two lines in the log on one matter.
 _WINDOW = 10.0
-# A longer time since the exposure is no latency, seconds: what came is of a recording.
-_LONGEST_LATENCY = 60.0
-
-
-class Statistics:
-    """Counts, rates and durations over the last ten seconds; any thread may add to it.
-
-    Parameters
-    ----------
-    now : callable
-        Monotonic time in seconds.
-
-    Attributes
-    ----------
-    totals : Counter
-        Of all events since the start, by name.
-    """
-
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        self._now, self._start = now, now()
-        self._lock = threading.Lock()
-        self._events: dict[str, deque[tuple[float, float | None]]] = {}
-        self.totals: Counter[str] = Counter()
-
-    def add(self, name: str, seconds: float | None = None) -> None:
-        """Count one event called `name`, or one that has a duration."""
-        with self._lock:
-            self.totals[name] += 1
-            self._events.setdefault(name, deque(maxlen=10_000)).append((self._now(), seconds))
-
-    def recent(self, name: str) -> list[float | None]:
-        """Durations of the events in the window, oldest first; None of those that have none."""
-        since = self._now() - _WINDOW
-        with self._lock:
-            return [value for at, value in self._events.get(name, ()) if at >= since]
-
-    def shown(self) -> dict[str, str]:
-        """Total and rate of what is counted, median and maximum of what lasts."""
-        lived = min(max(self._now() - self._start, 1.0), _WINDOW)
-        values = {}
-        for name in list(self._events):
-            recent = self.recent(name)
-            durations = [1e3 * each for each in recent if each is not None]
-            if durations:
-                values[f'{name} median (ms)'] = f'{statistics.median(durations):.1f}'
-                values[f'{name} maximum (ms)'] = f'{max(durations):.1f}'
-            elif self._events[name][-1][1] is None:
-                values[name] = str(self.totals[name])
-                values[f'{name} per second'] = f'{len(recent) / lived:.2f}'
-        return values
 
 
 class Diagnostics:
     """Publishes a node's state on ``/diagnostics`` at 1 Hz, on the steady clock.
+
+    Counts, rates and durations are of the last ten seconds, totals of all; any thread may count.
 
     Parameters
     ----------
@@ -95,8 +47,10 @@ class Diagnostics:
         self._node = node
         self._judge = judge
         self.hardware_id = ''
-        self._statistics, self._troubles = Statistics(), Statistics()
-        self._troubles.totals.update(refused=0, failed=0)
+        self._start, self._lock = time.monotonic(), threading.Lock()
+        # When, and how long what lasts took; how many of what is counted there ever were.
+        self._events: dict[str, deque[tuple[float, float]]] = {}
+        self._totals: Counter[str] = Counter()
         self._notes: dict[str, str] = {}
         self._last = {'refused': '', 'failed': ''}
         self._logged: dict[str, float] = {}
@@ -109,7 +63,10 @@ class Diagnostics:
 
         Of the ones total and rate are shown, of the others median and maximum.
         """
-        self._statistics.add(name, seconds)
+        with self._lock:
+            self._totals[name] += seconds is None
+            new = time.monotonic(), seconds or 0.0
+            self._events.setdefault(name, deque(maxlen=10_000)).append(new)
 
     @contextmanager
     def timed(self, done: str, stamp_ns: int) -> Iterator[None]:
@@ -122,7 +79,8 @@ class Diagnostics:
         self.count(done)
         self.count('computation', time.monotonic() - started)
         latency = (self._node.get_clock().now().nanoseconds - stamp_ns) / 1e9
-        if 0 <= latency < _LONGEST_LATENCY:
+        # After a longer time what came is of a recording.
+        if 0 <= latency < 60.0:
             self.count('latency', latency)
 
     def note(self, values: Mapping[str, object]) -> None:
@@ -131,15 +89,15 @@ class Diagnostics:
 
     def refuse(self, reason: str, sentence: str) -> None:
         """Something that was given gave no result, for a reason of a few fixed words."""
-        self._troubles.add('refused')
-        self._troubles.add(f'refused: {reason}')
+        self.count('refused')
+        self.count(f'refused: {reason}')
         self._last['refused'] = f'{reason}: {sentence}'
         if self._is_due(reason):
             self._node.get_logger().warning(f'refused, {reason}: {sentence}')
 
     def fail(self, sentence: str) -> None:
         """Something does not work; the level is ERROR for ten seconds."""
-        self._troubles.add('failed')
+        self.count('failed')
         self._last['failed'] = sentence
         if self._is_due(sentence):
             self._node.get_logger().error(sentence)
@@ -170,13 +128,35 @@ class Diagnostics:
 
     def recent(self, name: str) -> int:
         """How many `name` there were in the last ten seconds."""
-        return len(self._statistics.recent(name))
+        return len(self._recent(name))
+
+    def _recent(self, name: str) -> list[float]:
+        """Durations of the events of the last ten seconds; 0 of those that have none."""
+        since = time.monotonic() - _WINDOW
+        with self._lock:
+            return [seconds for at, seconds in self._events.get(name, ()) if at >= since]
+
+    def _counted(self) -> dict[str, str]:
+        """Total and rate of what is counted, median and maximum of what lasts."""
+        lived = min(max(time.monotonic() - self._start, 1.0), _WINDOW)
+        values = dict.fromkeys(self._last, '0')
+        for name in list(self._events):
+            recent, total = self._recent(name), self._totals[name]
+            if total:
+                values[name] = str(total)
+                # Of troubles the totals tell enough.
+                if name.partition(':')[0] not in self._last:
+                    values[f'{name} per second'] = f'{len(recent) / lived:.2f}'
+            elif recent:
+                values[f'{name} median (ms)'] = f'{1e3 * statistics.median(recent):.1f}'
+                values[f'{name} maximum (ms)'] = f'{1e3 * max(recent):.1f}'
+        return values
 
     def status(self) -> DiagnosticStatus:
         """State of the moment."""
-        refusals, drops = len(self._troubles.recent('refused')), self.recent('dropped')
+        refusals, drops = self.recent('refused'), self.recent('dropped')
         verdicts: list[Verdict] = [
-            (self._troubles.recent('failed'), ERROR, self._last['failed']),
+            (self.recent('failed'), ERROR, self._last['failed']),
             *self._judge(),
             (True, OK, 'working'),
         ]
@@ -187,8 +167,7 @@ class Diagnostics:
         ]
         if level == OK and (refusals or drops):
             level, message = WARN, '; '.join(said for count, said in troubles if count)
-        troubles_ever = {name: str(total) for name, total in list(self._troubles.totals.items())}
-        values = {**self._notes, **self._statistics.shown(), **troubles_ever}
+        values = {**self._notes, **self._counted()}
         return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip('/'),

@@ -1,24 +1,16 @@
-"""How every node of the package runs as a process, and the thread of its work."""
+"""The threads of a node: of its callbacks, and of its work."""
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable
-from contextlib import ExitStack
 from typing import Generic, TypeVar
 
-import rclpy
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from rclpy.executors import MultiThreadedExecutor
 
-from ftp_dent_ros.errors import FtpDentError, missing_package
 from ftp_dent_ros.ros.diagnostics import Diagnostics
-from ftp_dent_ros.supervision.processes import stop_event
 
 Item = TypeVar('Item')
 # With the one in work, a second and a half of photographs at 2 Hz: as long as a process of a busy
@@ -36,58 +28,6 @@ class ThreadedExecutor(MultiThreadedExecutor):
         ended.start()
         ended.join(timeout_sec)
         return bool(super().shutdown(0)) and not ended.is_alive()
-
-
-def run(make_node: Callable[[], Node], name: str, threads: int = 1) -> int:
-    """Run a node until SIGINT, SIGTERM or SIGHUP.
-
-    An exception of a callback is logged and the node goes on: a message from anywhere must not
-    end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`.
-
-    Parameters
-    ----------
-    make_node : callable
-        The node's class.
-    name : str
-        Name of the executable, for messages.
-    threads : int
-        More than one for a node with a callback that waits.
-
-    Returns
-    -------
-    int
-        Exit status: 0 after a signal, 2 if the parameters or arguments are wrong (one line on
-        stderr).
-    """
-    stop = stop_event()
-    with ExitStack() as ending:
-        try:
-            # Not rclpy's own handlers: they end the context while threads still publish.
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            ending.callback(rclpy.try_shutdown)
-            node = make_node()
-        except ModuleNotFoundError as error:
-            print(f'{name}: {missing_package(error)}', file=sys.stderr)
-            return 2
-        except Exception as error:
-            # Of ours, or rclpy's: of arguments, of a QoS override or of the environment.
-            known = isinstance(error, (FtpDentError, RuntimeError))
-            if not known and not type(error).__module__.startswith('rclpy'):
-                raise
-            print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
-            return 2
-        ending.callback(node.destroy_node)
-        executor = SingleThreadedExecutor() if threads == 1 else ThreadedExecutor(threads)
-        ending.callback(executor.shutdown, 2.0)  # for a callback that waits
-        executor.add_node(node)
-        while rclpy.ok() and not stop.is_set():
-            try:
-                executor.spin_once(timeout_sec=0.2)
-            except Exception as error:  # noqa: PERF203
-                node.get_logger().error(
-                    f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
-                )
-    return 0
 
 
 class NewestWorker(Generic[Item]):

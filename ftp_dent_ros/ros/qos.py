@@ -35,7 +35,6 @@ CLOUDS = QoSProfile(depth=8, reliability=ReliabilityPolicy.RELIABLE)
 # The newest only: whoever is far away must not wait for older ones.
 PREVIEWS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 POSES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-DENTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 DIAGNOSTICS = QoSProfile(depth=10)
 
 # For `qos_overriding_options`: a camera driver of another make may publish best effort.

@@ -73,32 +73,22 @@ class NodeEntry:
     @property
     def options(self) -> tuple[str, ...]:
         """The parameters as a command line's options: ``start_ns: 5`` is ``--start-ns 5``."""
-        words: list[str] = []
-        for key, value in {**self.parameters, **self.absolute}.items():
-            option = f'--{str(key).replace("_", "-")}'
-            if isinstance(value, bool):
-                words += [option] if value else []
-            elif isinstance(value, int | float | str):
-                words += [f'{option}={value}']
-            else:
-                raise ConfigurationError(
-                    f'{self.file}: {self.name}: {key} is neither a number nor a text: correct it'
-                )
-        return tuple(words)
+        given = {**self.parameters, **self.absolute}
+        return tuple(f'--{key.replace("_", "-")}={value}' for key, value in given.items())
 
     @property
     def program(self) -> Program:
         """The process to start."""
         if self.executable not in NODES:
-            words: tuple[str, ...] = self.options
+            words: tuple[str, ...] = ('ftp_dent_ros.simulation.autopilot', *self.options)
         else:
             words = (
-                '--ros-args',
+                *('ftp_dent_ros.nodes', self.executable, '--ros-args'),
                 *('-r', f'__node:={self.executable}'),
                 *('-r', f'__ns:={self.namespace}'),
                 *self.parameter_words,
             )
-        return Program(self.name, (sys.executable, '-m', EXECUTABLES[self.executable], *words))
+        return Program(self.name, (sys.executable, '-m', *words))
 
     @property
     def parameter_words(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,15 +67,10 @@ class Processes(AbstractContextManager['Processes']):
     ----------
     show : callable
         Called with a program's name and one line of its output, from a thread per program.
-    environment : mapping, optional
-        Variables that are added to this process's own.
     """
 
-    def __init__(
-        self, show: Callable[[str, str], None], environment: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, show: Callable[[str, str], None]) -> None:
         self._show = show
-        self._environment = {'PYTHONUNBUFFERED': '1', **(environment or {})}
         self._running: dict[str, RunningProgram] = {}
         self._one_ended = threading.Event()
 
@@ -93,7 +88,7 @@ class Processes(AbstractContextManager['Processes']):
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **self._environment},
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
             start_new_session=True,
             text=True,
             errors='replace',

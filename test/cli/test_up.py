@@ -70,7 +70,7 @@ def test_dry_run_prints_the_commands(tmp_path, capsys, monkeypatch):
     assert main.main(['up', str(path), '--dry-run']) == 0
     *variables, command = capsys.readouterr().out.splitlines()
     assert command == (
-        f'{sys.executable} -m ftp_dent_ros.nodes.reconstruction --ros-args -r '
+        f'{sys.executable} -m ftp_dent_ros.nodes reconstruction --ros-args -r '
         f"__node:=reconstruction -r __ns:=/left --params-file '{path}'"
     )
     assert all(line.startswith('FASTRTPS_DEFAULT_PROFILES_FILE=') for line in variables)

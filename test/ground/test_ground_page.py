@@ -176,14 +176,11 @@ def test_where_the_survey_runs_the_map_shows_its_path_and_its_coverage(items):
     strip = [[0, 2.0, 3.8], [1, 2.0, 3.8], [1, 2.2, 3.8], [0, 2.2, 3.8]]
     assert state['areas'] == [strip]
     assert state['gaps'] == [[[0, 2.2, 3.8], [1, 2.2, 3.8], [1, 2.22, 3.8], [0, 2.22, 3.8]]]
-    for bad in (path_item((float('nan'), 0, 0)), coded_empty()):
+    empty = coded('survey/coverage', 'visualization_msgs/msg/MarkerArray', markers=[])
+    for bad in (path_item((float('nan'), 0, 0)), empty):
         with pytest.raises(CodecError):
             scene.take(bad)
     assert scene.state() == state
-
-
-def coded_empty():
-    return coded('survey/coverage', 'visualization_msgs/msg/MarkerArray', markers=[])
 
 
 def test_the_scene_refuses_what_is_no_item(items):

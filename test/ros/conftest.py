@@ -136,14 +136,14 @@ class Ros:
                 pytest.fail(f'not reached within {timeout:g} s\n' + '\n'.join(outputs))
             self.executor.spin_once(timeout_sec=0.02)
 
-    def start(self, name: str, *arguments: str, module: str = '', **parameters: Any) -> Process:
+    def start(self, name: str, *arguments: str, **parameters: Any) -> Process:
         """Start a node of the package; parameters as keywords, `__` in a name stands for a dot."""
         words = ['--ros-args', '-r', f'__ns:={self.namespace}']
         for key, value in parameters.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             text = "''" if text == '' else text
             words += ['-p', f'{key.replace("__", ".")}:={text}']
-        return self._run(name, module or f'ftp_dent_ros.nodes.{name}', *words, *arguments)
+        return self._run(name, 'ftp_dent_ros.nodes', name, *words, *arguments)
 
     def command(self, *words: Any) -> Process:
         """Start a command of the package."""

@@ -75,7 +75,7 @@ def show_board(path, pose):
     write_scene(path, pose, {'board': board}, extent)
 
 
-def test_from_capture_to_the_first_true_cloud(ros, domain, rig, rig_file, tmp_path):
+def test_from_capture_to_the_first_true_cloud(ros, rig, rig_file, tmp_path):
     rng = np.random.default_rng(2)
     poses = iter([random_pose(BOARD, rig, distance, rng) for distance in (0.8, 0.7, 0.9) * 4])
     scene, pattern = tmp_path / 'scene.yaml', tmp_path / 'pattern.yaml'
@@ -97,7 +97,6 @@ def test_from_capture_to_the_first_true_cloud(ros, domain, rig, rig_file, tmp_pa
         stdout=subprocess.PIPE,
         stderr=(tmp_path / 'errors').open('w'),
         text=True,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
     )
     watchdog = threading.Timer(240, capture.kill)
     watchdog.start()
@@ -202,7 +201,7 @@ def test_each_fault_is_found_and_advised(rig, light, flicker, name, verdict):
         assert 'mm a point, dents found from ' in findings['distance'].text
 
 
-def test_a_payload_gets_go_and_a_wrong_rig_no_go(ros, domain, rig, rig_file, tmp_path):
+def test_a_payload_gets_go_and_a_wrong_rig_no_go(ros, rig, rig_file, tmp_path):
     scene, pattern = tmp_path / 'scene.yaml', tmp_path / 'pattern.yaml'
     wrong, config = tmp_path / 'wrong.yaml', tmp_path / 'payload.yaml'
     write_scene(scene, Pose.from_rpy((0, 0.1, 0), (0, 0, 0.75)), {'albedo': 0.8}, [-1, 1, -1, 1])
@@ -222,28 +221,19 @@ def test_a_payload_gets_go_and_a_wrong_rig_no_go(ros, domain, rig, rig_file, tmp
         ros.start(name, **values)
 
     def preflight():
-        config.write_text(
-            yaml.safe_dump(
-                {
-                    f'{ros.namespace}/{name}': {'ros__parameters': values}
-                    for name, values in blocks.items()
-                }
-            )
-        )
-        return subprocess.run(
-            [sys.executable, '-m', 'ftp_dent_ros.cli.main', 'preflight', str(config)],
-            capture_output=True,
-            text=True,
-            timeout=240,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-        )
+        entries = {
+            f'{ros.namespace}/{name}': {'ros__parameters': values}
+            for name, values in blocks.items()
+        }
+        config.write_text(yaml.safe_dump(entries))
+        command = ros.command('preflight', config)
+        return command.wait(240), command.output
 
-    done = preflight()
-    assert done.stdout.endswith('\nGO\n'), done.stdout + done.stderr
-    assert done.returncode == 0
+    status, told = preflight()
+    assert status == 0 and '\nGO\n' in told, told
     for name in ('exposure', 'focus', 'flicker', 'ambient', 'stripe', 'distance', 'clock', 'disk'):
-        assert name in done.stdout
+        assert name in told
     blocks['reconstruction']['rig'] = wrong.name  # beside the configuration
-    done = preflight()
-    assert done.returncode == 1
-    assert 'NO GO: rig: the rig does not hold: the projector has turned, pitch' in done.stdout
+    status, told = preflight()
+    assert status == 1
+    assert 'NO GO: rig: the rig does not hold: the projector has turned, pitch' in told

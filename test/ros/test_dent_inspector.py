@@ -13,8 +13,7 @@ import pytest
 from bag_samples import topic
 from dent_samples import DENTED, gouged_cloud, noisy_cloud
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from located import located
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, PointCloud2
@@ -36,9 +35,10 @@ from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
+    covariant_pose_message,
     image_to_message,
     make_header,
-    pose_to_message,
+    pose_stamped_message,
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
@@ -71,7 +71,7 @@ class Bench:
         self.points.publish(cloud_to_message(cloud, stamp_ns, frame_id))
 
     def tag(self, stamp_ns, pose, covariance=SURE, frame_id='map'):
-        self.poses.publish(located(stamp_ns, pose, covariance, frame_id))
+        self.poses.publish(covariant_pose_message(pose, covariance, stamp_ns, frame_id))
 
     def take(self):
         answer = self.ros.call(Trigger, 'dent_inspector/take_list', Trigger.Request())
@@ -172,7 +172,7 @@ def test_tagged_clouds_become_one_list_that_the_service_takes(ros, cloud, tmp_pa
     bench = Bench(ros, source='tagged', always=True, rules='shipped:example_rules.yaml')
     for number, pose in enumerate(CAMERA_POSES, start=1):
         seen = noisy_cloud(DENTED.transformed(pose.inverse() @ CAMERA_POSES[0]), number)
-        stamped = located(number * 10**9, pose, SURE)
+        stamped = covariant_pose_message(pose, SURE, number * 10**9, 'map')
         messages += [
             ('/points', cloud_to_message(seen, number * 10**9, CAMERA)),
             ('/tagged/camera_pose', stamped),
@@ -232,7 +232,8 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
         bench.show(seen, number)
         # The second one is lost, and waits for nothing longer than until the next.
         if number != 2:
-            surveyed.publish(located(number, off(pose, 0, 0.03, 0), 100 * SURE))
+            near = off(pose, 0, 0.03, 0)
+            surveyed.publish(covariant_pose_message(near, 100 * SURE, number, 'map'))
             bench.state.shows('inspected', number)
     assert bench.value('placed by the survey') == '2'
     ros.until(lambda: len(dents_from_message(listed[-1])) == 4)
@@ -240,7 +241,7 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
 
     def path(shift, frame_id='map', flown=CAMERA_POSES):
         poses = [
-            PoseStamped(header=make_header(number, 'map'), pose=pose_to_message(off(pose, *shift)))
+            pose_stamped_message(off(pose, *shift), number, 'map')
             for number, pose in enumerate(flown, start=1)
         ]
         return Path(header=make_header(3, frame_id), poses=poses)
@@ -255,7 +256,7 @@ def test_the_survey_places_the_dents_and_corrects_their_list(ros, cloud):
     # What another frame's path says of a cloud that comes later is not believed either.
     paths.publish(path((9, 0, 0), 'odom', [*CAMERA_POSES, CAMERA_POSES[0]]))
     bench.state.shows('refused: wrong frame', 2)
-    surveyed.publish(located(4, CAMERA_POSES[0], 100 * SURE))
+    surveyed.publish(covariant_pose_message(CAMERA_POSES[0], 100 * SURE, 4, 'map'))
     bench.show(cloud, 4)
     ros.until(lambda: dents_from_message(listed[-1])['sightings'].tolist() == [4, 4])
     assert bench.value('failed') == '0'
@@ -271,8 +272,7 @@ def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
         bench.show(points, stamp, frames[0])
 
     good, pose = cloud, CAMERA_POSES[0]
-    moved = pose_to_message(pose)
-    moved.position.x = 1e300
+    moved = Pose(pose.rotation, np.array([1e300, 0.0, 0.0]))
     nothing = Cloud(np.zeros((60, 80, 3), np.float32), np.zeros((60, 80), np.float32))
     # Nor does a frame of its own make a list of it.
     send(100, good, pose, SURE, (CAMERA, 'odom'))

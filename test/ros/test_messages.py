@@ -68,13 +68,6 @@ def test_every_order_of_colours_is_read(pixels, encoding, big, padding):
     np.testing.assert_allclose(image_from_message(message), RGB, atol=int(deep))
 
 
-def test_grey_images_have_three_equal_channels_to_look_at():
-    grey = RGB[..., 0].astype('<u2') * 257
-    message = image_message(grey, 'mono16')
-    np.testing.assert_array_equal(photograph_from_message(message).pixels, grey)
-    np.testing.assert_array_equal(image_from_message(message), np.repeat(RGB[..., :1], 3, axis=2))
-
-
 @pytest.mark.parametrize(
     ('bits', 'mosaic', 'encoding'),
     [

@@ -9,15 +9,8 @@ import pytest
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Statistics
+from ftp_dent_ros.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from ftp_dent_ros.ros.node import NewestWorker, ThreadedExecutor
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self):
-        return self.now
 
 
 def values_of(status):
@@ -25,7 +18,7 @@ def values_of(status):
 
 
 def test_counts_durations_and_notes_are_shown(ros, monkeypatch):
-    monkeypatch.setattr('ftp_dent_ros.ros.diagnostics.Statistics', lambda: Statistics(now=Clock()))
+    monkeypatch.setattr('time.monotonic', lambda: 100.0)
     diagnostics = Diagnostics(ros.node)
     diagnostics.hardware_id = '/dev/video0'
     for seconds in (0.010, 0.030, 0.020):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import shutil
 from pathlib import Path
@@ -14,7 +13,8 @@ from rclpy.parameter import Parameter
 
 from ftp_dent_ros import files
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.__main__ import node_class
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.ros.parameters import Parameters
 from ftp_dent_ros.ros.session import check_parameters
 from ftp_dent_ros.supervision.configuration import read_configuration
@@ -118,8 +118,7 @@ def table(node, given):
 
 @pytest.mark.parametrize('name', GIVEN)
 def test_every_parameter_stands_on_the_page(ros, name):
-    module = importlib.import_module(f'ftp_dent_ros.nodes.{name}')
-    node = getattr(module, name.title().replace('_', ''))(
+    node = node_class(name)(
         context=ros.context,
         namespace=ros.namespace,
         parameter_overrides=[Parameter(key, value=value) for key, value in GIVEN[name].items()],

@@ -14,19 +14,15 @@ from ftp_dent_ros.nodes.reconstruction import Reconstruction
 from ftp_dent_ros.pattern.file import write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
 
-NODES = ('pattern_publisher', 'camera_capture', 'reconstruction')
-
-
-def parameters_of(name, rig_file):
-    return {
-        'pattern_publisher': {'period_px': 8},
-        'camera_capture': {'device__path': '/dev/video99', 'rate': 5},
-        'reconstruction': {},
-    }[name] | {'rig': rig_file}
+NODES = {
+    'pattern_publisher': {'period_px': 8},
+    'camera_capture': {'device__path': '/dev/video99', 'rate': 5},
+    'reconstruction': {},
+}
 
 
 def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file):
-    processes = {name: ros.start(name, **parameters_of(name, rig_file)) for name in NODES}
+    processes = {name: ros.start(name, rig=rig_file, **given) for name, given in NODES.items()}
     states = [ros.diagnostics(name) for name in NODES]
     ros.until(lambda: all(state() for state in states))
     for process in processes.values():

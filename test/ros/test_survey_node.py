@@ -9,18 +9,18 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from located import located
 from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     covariance_from_message,
+    covariant_pose_message,
     image_to_message,
     pose_from_message,
-    pose_to_message,
     stamp_to_ns,
 )
 from ftp_dent_ros.ros.qos import CLOUDS, LATCHED, POSES
@@ -45,11 +45,11 @@ class Bench:
         ros.met_by('survey')
 
     def show(self, number, cloud, skin, pose, covariance=STATED, frame_id='map'):
-        """Send what there is of one stamp; `pose` is one or a message of one."""
+        """Send what there is of one stamp."""
         stamp_ns = (number + 1) * HALF_S
         self.skins.publish(image_to_message(skin, stamp_ns, CAMERA))
         self.points.publish(cloud_to_message(cloud, stamp_ns, CAMERA))
-        self.poses.publish(located(stamp_ns, pose, covariance, frame_id))
+        self.poses.publish(covariant_pose_message(pose, covariance, stamp_ns, frame_id))
 
 
 @pytest.fixture(scope='module')
@@ -115,8 +115,7 @@ def test_what_cannot_be_joined_is_told_with_its_reason_and_ends_nothing(ros, fli
     (cloud, skin), pose = seen[0], stated[0]
     few = np.full_like(cloud.points, np.nan)
     few[:5, :5] = cloud.points[:5, :5]
-    nothing = pose_to_message(pose)
-    nothing.position.x = float('nan')
+    nothing = Pose(pose.rotation, np.array([np.nan, 0.0, 0.0]))
     rough = cloud.points * (1 + 0.01 * np.sin(200 * cloud.points[..., :1]))
     hostile = {
         'already seen': (0, cloud, skin, pose),

@@ -10,7 +10,7 @@ from sensor_msgs.msg import Image
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.pattern.file import write_pattern
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.ros.qos import LATCHED

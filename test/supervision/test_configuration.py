@@ -5,7 +5,7 @@ import pytest
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.files import find
-from ftp_dent_ros.nodes.declarations import fitted
+from ftp_dent_ros.nodes.settings import fitted
 from ftp_dent_ros.supervision.configuration import frozen, read_configuration
 
 
@@ -26,7 +26,7 @@ def test_namespaces(tmp_path):
     assert (plain.name, plain.namespace) == ('camera_capture', '/')
     assert (left.name, left.namespace) == ('drone/left/camera_capture', '/drone/left')
     assert left.program.command == (
-        *(sys.executable, '-m', 'ftp_dent_ros.nodes.camera_capture', '--ros-args'),
+        *(sys.executable, '-m', 'ftp_dent_ros.nodes', 'camera_capture', '--ros-args'),
         *('-r', '__node:=camera_capture', '-r', '__ns:=/drone/left'),
         *('--params-file', str(path)),
     )
@@ -36,13 +36,12 @@ def test_the_simulated_autopilot_has_options(tmp_path):
     path = write(
         tmp_path,
         'simulated_autopilot:\n  ros__parameters:\n'
-        '    address: udpout:127.0.0.1:14550\n    start_ns: -5\n'
-        '    loop: true\n    quiet: false\n',
+        '    address: udpout:127.0.0.1:14550\n    start_ns: -5\n',
     )
     (entry,) = read_configuration(path)
     assert entry.program.command == (
         *(sys.executable, '-m', 'ftp_dent_ros.simulation.autopilot'),
-        *('--address=udpout:127.0.0.1:14550', '--start-ns=-5', '--loop'),
+        *('--address=udpout:127.0.0.1:14550', '--start-ns=-5'),
     )
 
 

@@ -20,6 +20,7 @@ from ftp_dent_ros.errors import CloudError, CodecError, PoseError
 from ftp_dent_ros.ground import topics
 from ftp_dent_ros.ground.protocol import Item, remember
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.recording.topic import typestore
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.robust import deviation
 
@@ -70,8 +71,6 @@ def relief(cloud: Cloud) -> bytes:
 
 def message_of(item: Item) -> Any:
     """Message of CDR, without ROS."""
-    from ftp_dent_ros.recording.topic import typestore
-
     try:
         if len(item.data) > 4 << 20:
             raise ValueError
@@ -170,8 +169,9 @@ class PageScene:
         self._areas: deque[tuple[int, list[list[float]]]] = deque(maxlen=_KEPT)
         self._poses: dict[int, Pose] = {}
         self._lens: Lens | None = None
-        self._picture: tuple[int, bytes, tuple[int, int]] | None = None
-        self._cloud: tuple[int, bytes] | None = None
+        # With their stamps.
+        self._picture, self._size = (0, b''), (0, 0)
+        self._cloud = 0, b''
 
     def take(self, item: Item) -> None:
         """Take an item.
@@ -205,18 +205,18 @@ class PageScene:
                 'gaps': strips.get('gaps', []),
                 'statuses': self._told[topics.DIAGNOSTICS],
                 'picture': self._drawn_picture(),
-                'cloud': None if self._cloud is None else str(self._cloud[0]),
+                'cloud': str(self._cloud[0]) if self.cloud else None,
             }
 
     @property
     def picture(self) -> bytes:
         """JPEG of the latest picture; empty for none."""
-        return self._picture[1] if self._picture else b''
+        return self._picture[1]
 
     @property
     def cloud(self) -> bytes:
         """float32 x, y, z (m) and deviation (mm) of each point of the latest small cloud."""
-        return self._cloud[1] if self._cloud else b''
+        return self._cloud[1]
 
     def _take_message(self, item: Item) -> None:
         if item.topic in _READERS:
@@ -226,13 +226,13 @@ class PageScene:
             remember(self._poses, item.stamp_ns, pose, _KEPT)
 
     def _take_picture(self, item: Item) -> None:
-        if self._picture is not None and item.stamp_ns < self._picture[0]:
+        if item.stamp_ns < self._picture[0]:
             return
         image = cv2.imdecode(np.frombuffer(item.data, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise ValueError
         self._lens = item.lens or self._lens
-        self._picture = item.stamp_ns, item.data, (image.shape[1], image.shape[0])
+        self._picture, self._size = (item.stamp_ns, item.data), (image.shape[1], image.shape[0])
 
     def _take_cloud(self, item: Item) -> None:
         if item.topic != topics.PREVIEW_POINTS:
@@ -242,14 +242,14 @@ class PageScene:
         if pose is not None and ends is not None:
             area = np.round(pose.apply(ends), 3).tolist()
             self._areas.append((item.stamp_ns, area))
-        if self._cloud is None or item.stamp_ns >= self._cloud[0]:
+        if item.stamp_ns >= self._cloud[0]:
             self._cloud = item.stamp_ns, relief(cloud)
 
     def _drawn_picture(self) -> dict[str, Any] | None:
         """The picture, and where the dents lie in it if its camera's pose is known."""
-        if self._picture is None:
+        if not self.picture:
             return None
-        stamp, _, (width, height) = self._picture
+        stamp, (width, height) = self._picture[0], self._size
         outlines = []
         if stamp in self._poses and self._lens is not None:
             to_camera, scale = self._poses[stamp].inverse(), width / self._lens.width

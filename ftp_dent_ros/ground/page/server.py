@@ -28,6 +28,8 @@ from ftp_dent_ros.ground.commands import COMMANDS
 from ftp_dent_ros.ground.page.scene import PageScene, message_of
 from ftp_dent_ros.ground.protocol import Item
 from ftp_dent_ros.ground.station import Station
+from ftp_dent_ros.recording.compression import cloud_message
+from ftp_dent_ros.recording.topic import known_topic, typestore
 
 PROTOCOLS = ('foxglove.sdk.v1', 'foxglove.websocket.v1')
 _HEAD = struct.Struct('<BIQ')
@@ -56,10 +58,7 @@ def encode_message(item: Item) -> tuple[str, bytes]:
     CodecError
         The item is not what it says.
     """
-    from ftp_dent_ros.recording import topic
-    from ftp_dent_ros.recording.compression import cloud_message
-
-    store = topic.typestore()
+    store = typestore()
     seconds, nanoseconds = divmod(item.stamp_ns, 10**9)
     try:
         stamp = store.types['builtin_interfaces/msg/Time'](sec=seconds, nanosec=nanoseconds)
@@ -117,14 +116,12 @@ class Foxglove:
         return socket
 
     def _new_channel(self, name: str, kind: str) -> dict[str, Any]:
-        from ftp_dent_ros.recording import topic
-
         return {
             'id': len(self._channels) + 1,
             'topic': name,
             'encoding': 'cdr',
             'schemaName': kind,
-            'schema': topic.known_topic(name, kind).definition,
+            'schema': known_topic(name, kind).definition,
             'schemaEncoding': 'ros2msg',
         }
 
