@@ -193,7 +193,7 @@ def _frame(number: int, observation: SeenCloud, found: Inspection, vertices: int
         number=number,
         name=observation.name,
         stamp_ns=observation.stamp_ns,
-        area=_area(cloud.points),
+        area=area_of(cloud.points),
         noise=median(found.noise[np.isfinite(found.noise)]),
         findable=findable_shares(found.findable),
         waviness=found.waviness,
@@ -218,7 +218,7 @@ def _view(observation: SeenCloud, found: Inspection) -> DrawnCloud:
     )
 
 
-def _area(points: NDArray[np.float32]) -> float:
+def area_of(points: NDArray[np.float32]) -> float:
     """Area of a cloud's whole cells, square metres."""
     right, down = points[:-1, 1:] - points[:-1, :-1], points[1:, :-1] - points[:-1, :-1]
     return float(np.nansum(np.linalg.norm(np.cross(right, down), axis=-1)))

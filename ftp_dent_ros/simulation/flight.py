@@ -29,8 +29,16 @@ _FREQUENCIES = np.array(
     ]
 )
 _SHARES = np.array([0.6, 0.3, 0.1])
-_PHASES = np.array([[0.3, 1.9, 4.1], [2.2, 5.3, 0.7], [4.4, 0.2, 3.0], [1.1, 3.7, 5.9]])
-_PHASES = np.vstack([_PHASES, [[5.0, 2.6, 1.3], [3.3, 4.8, 2.1]]])
+_PHASES = np.array(
+    [
+        [0.3, 1.9, 4.1],
+        [2.2, 5.3, 0.7],
+        [4.4, 0.2, 3.0],
+        [1.1, 3.7, 5.9],
+        [5.0, 2.6, 1.3],
+        [3.3, 4.8, 2.1],
+    ]
+)
 # Of the differences that rates are: seconds, in which a sway of 0.4 Hz is a line to 1e-6.
 _STEP = 1e-3
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +14,7 @@ from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.paint import sampled
-from ftp_dent_ros.simulation.sensor import Photometry, read_out, speckle
+from ftp_dent_ros.simulation.sensor import Image, Photometry, read_out, speckle
 from ftp_dent_ros.simulation.surface import Surface, paint_on, sun_on
 from ftp_dent_ros.simulation.view import (
     CameraMotion,
@@ -32,9 +31,6 @@ from ftp_dent_ros.simulation.view import (
 # Samples a projector pixel along u. OpenCV 4 rounds positions to 1/32 of a sample.
 _FINE = 4
 _FULL = 60000.0
-
-# float32, for which OpenCV's annotations are too wide.
-Image = NDArray[Any]
 
 
 class Light:
@@ -161,7 +157,7 @@ def drift_of(
     """
     grid = pixel_grid(rig.camera)
     nodes = grid.node_rays.reshape(-1, 1, 3)
-    drift = np.zeros((4, *grid.shape), np.float32)
+    drift = np.zeros((4, *view.tone.shape), np.float32)
     for index, panel in enumerate(surface.panels):
         begin, end = (
             np.stack(sight(rig, panel.bare, motion.rays(nodes, [moment]), photometry)[1:5])
@@ -260,7 +256,7 @@ class Renderer:
         skin = np.stack([view.x, view.y]).astype(np.float32)
         place = self._light.index(view.u, view.v)
         slopes = [[np.gradient(each, axis=axis) for axis in (2, 1)] for each in (place, skin)]
-        if motion:
+        if sweep:
             drift = drift_of(self.rig, surface, view, motion, self.photometry)
             slopes[0].append(self._light.index_change(drift[2:]))
             slopes[1].append(drift[:2])
