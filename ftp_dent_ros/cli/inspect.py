@@ -22,21 +22,19 @@ from ftp_dent_ros.cli.arguments import (
     smallest_of,
 )
 from ftp_dent_ros.cloud.ply import read_ply
+from ftp_dent_ros.cloud.seen import CAMERA_FRAME, SeenCloud
 from ftp_dent_ros.dents.rules import verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.fleet import LostWorkerError, cores, in_order, on_cluster, side_by_side
-from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud, viewpoint_of
+from ftp_dent_ros.inspection.inspecting import CloudInspector, survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.page import write_report
 from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.photograph.file import is_photograph, read_photograph
 from ftp_dent_ros.rig.rig import Lens, read_rig
-
-_CAMERA_FRAME = 'camera_optical_frame'
-
 
 ARGUMENTS = (
     argument(
@@ -157,11 +155,11 @@ def report_of(
         return _of_bag(arguments, path, progress, jobs)
     if arguments.survey:
         raise ConfigurationError(f'{path}: is no bag, whose clouds --survey joins: leave it out')
-    frame_id, measured_by = _CAMERA_FRAME, ''
+    measured_by = ''
     if path.suffix.lower() == '.ply':
         cloud, frame_id, measured_by = read_ply(path)
-        viewpoint = (0.0, 0.0, 0.0) if frame_id == _CAMERA_FRAME else viewpoint_of(cloud)
-        seen = SeenCloud(path.name, cloud, viewpoint=viewpoint)
+        in_camera = frame_id == CAMERA_FRAME
+        seen = SeenCloud(path.name, cloud, frame_id=frame_id, in_camera=in_camera)
     elif is_photograph(path):
         seen = _photographed(arguments, path)
     else:
@@ -172,15 +170,13 @@ def report_of(
     inspector = CloudInspector(inspect, settings=smallest_of(arguments))
     if inspector.add(seen) is None:
         raise CloudError(inspector.refused[0])
-    camera = camera if frame_id == _CAMERA_FRAME else None
-    return inspector.report(str(path), frame_id, named, camera, arguments.rules)
+    return inspector.report(str(path), named, camera, arguments.rules)
 
 
 def _of_bag(
     arguments: argparse.Namespace, path: Path, progress: Callable[[int], object], jobs: int
 ) -> InspectionReport:
     # Only this needs the libraries of bags.
-    from ftp_dent_ros.inspection.bag import survey_bag
     from ftp_dent_ros.recording import clouds
     from ftp_dent_ros.recording.reader import open_bag
 

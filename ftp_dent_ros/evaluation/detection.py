@@ -177,6 +177,10 @@ def _marked(*marks: Mark) -> dict[str, Any]:
     return {'paint': Paint(marks=marks)}
 
 
+def _letters(x: float, y: float) -> dict[str, Any]:
+    return _marked(Lettering(x, y, 'NO STEP', 0.02, (0.25, 0.3, 0.8)))
+
+
 def _patches(places: Sequence[tuple[float, float]]) -> dict[str, Any]:
     return _marked(*(PaintPatch(x, y, 0.05, 0.03, (0.5,) * 3) for x, y in places))
 
@@ -192,9 +196,7 @@ _SKINS: dict[str, Callable[[np.random.Generator, int, float], dict[str, Any]]] =
     'wavy': lambda rng, seed, reach: {'waves': waviness(1e-4, rng.uniform(0.08, 0.2), seed)},
     'rivets': lambda rng, seed, reach: _riveted(Rivet, reach * rng.uniform(-0.4, 0.4)),
     'domed rivets': lambda rng, seed, reach: _riveted(domed_rivet, reach * rng.uniform(-0.4, 0.4)),
-    'lettering': lambda rng, seed, reach: _marked(
-        Lettering(*(reach * rng.uniform(-0.5, 0.5, 2)).tolist(), 'NO STEP', 0.02, (0.25, 0.3, 0.8))
-    ),
+    'lettering': lambda rng, seed, reach: _letters(*(reach * rng.uniform(-0.5, 0.5, 2)).tolist()),
     'patches': lambda rng, seed, reach: _patches((reach * rng.uniform(-1, 1, (3, 2))).tolist()),
     'streaks': lambda rng, seed, reach: _marked(
         Dirt(0.15, (0.016, 0.006), seed, stretch=8.0, angle=rng.uniform(0, math.pi))

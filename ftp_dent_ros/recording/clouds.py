@@ -6,14 +6,10 @@ A message that cannot be used costs its own cloud alone, named by topic and stam
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
+from ftp_dent_ros.cloud.seen import SeenCloud
 from ftp_dent_ros.coding.images import image_from_message
 from ftp_dent_ros.coding.messages import (
     cloud_from_message,
@@ -22,7 +18,6 @@ from ftp_dent_ros.coding.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.errors import BagError, FtpDentError
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
 
@@ -39,41 +34,6 @@ _TYPES = {
     SKIN: 'sensor_msgs/msg/Image',
 }
 _DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
-
-
-@dataclass(frozen=True, eq=False)
-class BagCloud:
-    """One cloud of a bag.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    cloud : Cloud
-        In the camera's frame if `in_camera`, else in `frame_id`.
-    frame_id : str
-        ``map`` of tagged clouds, else the camera's frame.
-    in_camera : bool
-    pose : Pose or None
-        Of the camera in `frame_id`, where it was recorded.
-    vehicle : Pose or None
-        Of the camera in `frame_id`, or of ``base_link`` where that alone was recorded.
-    covariance : ndarray, shape (6, 6), or None
-        Of that pose.
-    photograph : ndarray, shape (height, width, 3), uint8, or None
-        RGB.
-    skin : ndarray, shape (rows, columns), uint8, or None
-        Image of the skin on the cloud's grid, 0 where there is no point.
-    """
-
-    stamp_ns: int
-    cloud: Cloud
-    frame_id: str
-    in_camera: bool
-    pose: Pose | None = None
-    vehicle: Pose | None = None
-    covariance: NDArray[np.float64] | None = None
-    photograph: NDArray[np.uint8] | None = None
-    skin: NDArray[np.uint8] | None = None
 
 
 def count_clouds(bag: Bag) -> tuple[int, bool]:
@@ -93,7 +53,7 @@ def bag_clouds(
     bag: Bag,
     skip: Callable[[str], object] = lambda sentence: None,
     photographs: bool = True,
-) -> Iterator[BagCloud]:
+) -> Iterator[SeenCloud]:
     """Clouds of a bag in the order of their arrival: the tagged ones, else those of `POINTS`.
 
     Parameters
@@ -139,7 +99,7 @@ def bag_clouds(
             del waiting[stamp_ns]
             done.add(stamp_ns)
             if all(parts[topic] is not None for topic in wanted):
-                yield _bag_cloud(stamp_ns, parts)
+                yield _seen_cloud(stamp_ns, parts)
         # So many exposures may be under way at once: what belongs to older ones has not come.
         while len(waiting) > 30:
             del waiting[next(iter(waiting))]
@@ -206,19 +166,19 @@ def _usable(message: Message, content: Any) -> Any:
     return cloud_from_message(content), frame_id
 
 
-def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
+def _seen_cloud(stamp_ns: int, parts: dict[str, Any]) -> SeenCloud:
     in_camera = TAGGED not in parts
     cloud, frame_id = parts[POINTS if in_camera else TAGGED]
     located = parts.get(CAMERA_POSE if in_camera else POSE)
     vehicle, covariance, frame = located or (None, None, frame_id)
-    return BagCloud(
-        stamp_ns,
+    return SeenCloud(
+        f'{stamp_ns / 1e9:.3f} s',
         cloud.with_skin(parts.get(SKIN)),
+        stamp_ns,
         frame if in_camera else frame_id,
         in_camera,
         pose=vehicle if in_camera else None,
         vehicle=vehicle,
         covariance=covariance,
         photograph=parts.get(PHOTOGRAPHS),
-        skin=parts.get(SKIN),
     )

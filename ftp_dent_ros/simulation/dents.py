@@ -259,6 +259,12 @@ class Dent(Checked):
         """Half the side of a square around the centre that holds what is smaller than a pixel."""
         return self.reach
 
+    def covers(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
+        """Mask of panel coordinates where the dent, widened by `margin` metres, is not zero."""
+        u, v = self._normalised(x, y)
+        shortest = min(self.length, self.width) / 2
+        return u * u + v * v < (self.shape.border + margin / shortest) ** 2
+
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""
         u, v = self._normalised(x, y)
@@ -343,6 +349,10 @@ class Rivet(Checked):
         """Half the side of a square around the centre that holds what is smaller than a pixel."""
         # A groove has died out at this many of its half widths.
         return self.radius + 4.0 * self.sigma
+
+    def covers(self, x: Field, y: Field, margin: float | Field) -> NDArray[np.bool_]:
+        """Mask of panel coordinates where it, widened by `margin` metres, is not zero."""
+        return within(self, self.reach + margin, x, y)
 
     def height(self, x: Field, y: Field) -> tuple[Field, Field, Field]:
         """Height and its derivatives along x and y, at panel coordinates of any shape."""

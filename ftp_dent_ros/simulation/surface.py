@@ -142,7 +142,7 @@ class Panel(Checked):
         """Mask of panel coordinates of shape (n,) within `margin` metres of a feature."""
         mask = np.zeros(len(x), bool)
         for feature in self.features:
-            mask |= within(feature, feature.reach + margin, x, y)
+            mask |= feature.covers(x, y, margin)
         return mask
 
     def contains(self, x: Field, y: Field) -> NDArray[np.bool_]:
