@@ -210,11 +210,9 @@ Sight = tuple[NDArray, ...]
 
 def albedo_table(surface: Surface) -> NDArray[np.float32]:
     """Albedo of every tone that a view can have, shape (3, 256)."""
-    table = np.zeros((3, 256), np.float32)
-    for index, panel in enumerate(surface.panels):
-        table[:, 2 * index] = panel.paint.albedo
-        table[:, 2 * index + 1] = panel.paint.albedo_beyond
-    return table
+    paints = [panel.paint for panel in surface.panels]
+    tones = [tone for paint in paints for tone in (paint.albedo, paint.albedo_beyond)]
+    return np.pad(np.array(tones, np.float32).T, ((0, 0), (0, 256 - len(tones))))
 
 
 def look(rig: Rig, surface: Surface, rays: Rays, photometry: Photometry) -> View:
