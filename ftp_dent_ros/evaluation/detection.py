@@ -24,9 +24,9 @@ from ftp_dent_ros.files import write_texts
 from ftp_dent_ros.fleet import cores, in_order
 from ftp_dent_ros.inspection.inspecting import area_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.records import finite
 from ftp_dent_ros.pages.drawing import data_uri, figure_png
 from ftp_dent_ros.pages.page import render
+from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry import Settings as ReconstructionSettings

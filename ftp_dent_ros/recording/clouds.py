@@ -44,9 +44,8 @@ def count_clouds(bag: Bag) -> tuple[int, bool]:
     BagError
         It has none.
     """
-    counts = _counts(bag)
     wanted = _wanted(bag)
-    return min(counts[topic] for topic in wanted), len(wanted) > 1
+    return min(bag.message_counts[topic] for topic in wanted), len(wanted) > 1
 
 
 def bag_clouds(
@@ -72,7 +71,7 @@ def bag_clouds(
     """
     wanted = _wanted(bag)
     others = {SKIN, PHOTOGRAPHS} if photographs else {SKIN}
-    topics = [topic for topic, count in _counts(bag).items() if count and topic in wanted | others]
+    topics = _recorded(bag) & (wanted | others)
     waiting: dict[int, dict[str, Any]] = {}
     done: set[int] = set()
     for message in bag.messages(topics):
@@ -135,21 +134,21 @@ def _diagnostics(bag: Bag) -> Iterator[dict[str, str]]:
 
 def _wanted(bag: Bag) -> frozenset[str]:
     """Topics that a cloud takes: with the camera's pose, else tagged, else alone."""
-    counts = _counts(bag)
+    recorded = _recorded(bag)
     for topics in ({POINTS, CAMERA_POSE}, {TAGGED, POSE}, {POINTS}):
-        if all(counts.get(topic, 0) for topic in topics):
+        if topics <= recorded:
             return frozenset(topics)
     raise BagError(
         f'{bag.path}: has no clouds on {TAGGED} or {POINTS}: record them with the payload'
     )
 
 
-def _counts(bag: Bag) -> dict[str, int]:
-    """Messages of the topics that are asked for and have the type expected."""
+def _recorded(bag: Bag) -> set[str]:
+    """Topics that are asked for, have the type expected, and messages."""
     return {
-        topic.name: bag.message_counts[topic.name]
+        topic.name
         for topic in bag.topics
-        if topic.type == _TYPES.get(topic.name)
+        if topic.type == _TYPES.get(topic.name) and bag.message_counts[topic.name]
     }
 
 

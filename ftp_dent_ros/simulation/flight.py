@@ -94,15 +94,11 @@ class Flight(Checked):
         deviation[1] -= self.length / 2 * (_TURN_SHARES @ np.cos(circle * _TURNS * seconds))
         return self.middle @ Pose.from_rpy(deviation[3:], deviation[:3])
 
-    def velocity(self, seconds: float) -> Vector:
-        """Velocity of ``base_link`` in ``map``, shape (3,), m/s."""
+    def rates(self, seconds: float) -> tuple[Vector, Vector]:
+        """Velocity in ``map``, m/s, and angular velocity in ``base_link``, rad/s, shape (3,)."""
         before, after = self.pose(seconds - _STEP), self.pose(seconds + _STEP)
-        return (after.translation - before.translation) / (2 * _STEP)
-
-    def body_rates(self, seconds: float) -> Vector:
-        """Angular velocity in ``base_link``'s axes, shape (3,), rad/s."""
-        before, after = self.pose(seconds - _STEP), self.pose(seconds + _STEP)
-        return (before.rotation.inv() * after.rotation).as_rotvec() / (2 * _STEP)
+        turn = (before.rotation.inv() * after.rotation).as_rotvec()
+        return (after.translation - before.translation) / (2 * _STEP), turn / (2 * _STEP)
 
 
 @dataclass(frozen=True)
