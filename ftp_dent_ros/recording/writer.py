@@ -248,17 +248,16 @@ class BagSpool:
         self._thread = threading.Thread(target=self._run, name='bag writer', daemon=True)
         self._thread.start()
 
-    def put(self, message: Message) -> bool:
-        """Queue a message; False if it was dropped."""
+    def put(self, message: Message) -> None:
+        """Queue a message, or drop it."""
         with self._lock:
             # A message larger than the whole queue is taken when it comes alone.
             full = self._waiting_size and self._waiting_size + len(message.data) > self._capacity
             if full or self.error is not None:
                 self.dropped += 1
-                return False
-            self._waiting.append(message)
-            self._waiting_size += len(message.data)
-            return True
+            else:
+                self._waiting.append(message)
+                self._waiting_size += len(message.data)
 
     def close(self) -> None:
         """Write what waits, close the bag and end the thread."""

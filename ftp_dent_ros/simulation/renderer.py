@@ -69,9 +69,8 @@ class Light:
 
     def index(self, u: NDArray, v: NDArray) -> Image:
         """Index (column, row) into the field of projector pixels of one shape, shape (2, ...)."""
-        column = np.multiply(u, _FINE, dtype=float)
-        column += _FINE * (self._border + 0.5) - 0.5
-        return np.array([column, v + self._border], np.float32)
+        first = _FINE * (self._border + 0.5) - 0.5
+        return np.array([_FINE * u + first, v + self._border], np.float32)
 
     def at(self, u: NDArray, v: NDArray) -> Image:
         """Light, 0 to 1, at a list of projector pixels of shape (n,), shape (3, n)."""
