@@ -7,7 +7,7 @@ import hashlib
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -172,3 +172,10 @@ def write_all_atomically(
             f'{folder}: {what} cannot be written ({reason.strerror}): make room there, or name '
             'another folder'
         ) from None
+
+
+def write_texts(folder: str | os.PathLike[str], texts: Mapping[str, str], what: str) -> None:
+    """Write texts, as of `write_all_atomically`, into files by their names."""
+    with write_all_atomically(folder, texts, what) as temporary:
+        for name, text in texts.items():
+            temporary[name].write_text(text, encoding='utf-8', errors='backslashreplace')

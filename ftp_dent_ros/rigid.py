@@ -31,8 +31,7 @@ def about(lever: Array) -> Array:
 
 def moved(pose: Pose, step: Array, centre: Array) -> Pose:
     """A pose after a shift of a centre and a turn about it, shape (6,)."""
-    turn = Rotation.from_rotvec(step[3:])
-    return Pose(turn * pose.rotation, turn.apply(pose.translation - centre) + centre + step[:3])
+    return move_about(step, centre) @ pose
 
 
 def moved_along(pose: Pose, twist: Array, centre: Array) -> Pose:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cli.arguments import RULES, output_argument
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.files import find, write_all_atomically
+from ftp_dent_ros.files import find, write_texts
 from ftp_dent_ros.survey.aircraft_frame import aircraft_frame, read_reference_points
 from ftp_dent_ros.survey.comparison import (
     ComparedDent,
@@ -54,9 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         frame = aircraft_frame(read_reference_points(arguments.points, later))
     comparison = compare(earlier, later, frame, arguments.rules)
     texts = {PAGE: comparison_page(comparison), TABLE: chart_csv(comparison)}
-    with write_all_atomically(arguments.output, texts, 'the comparison') as temporary:
-        for name, text in texts.items():
-            temporary[name].write_text(text, encoding='utf-8', errors='backslashreplace')
+    write_texts(arguments.output, texts, 'the comparison')
     print(summary(comparison.dents))
     print(arguments.output / PAGE)
     return 0

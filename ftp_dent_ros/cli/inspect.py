@@ -7,9 +7,11 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+
+from tqdm import tqdm
 
 from ftp_dent_ros import profilometry
 from ftp_dent_ros.cli import argument
@@ -22,21 +24,18 @@ from ftp_dent_ros.cli.arguments import (
     smallest_of,
 )
 from ftp_dent_ros.cloud.ply import read_ply
+from ftp_dent_ros.cloud.seen import CAMERA_FRAME, SeenCloud
 from ftp_dent_ros.dents.rules import verdict
-from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import CloudError, ConfigurationError, FtpDentError
 from ftp_dent_ros.files import find
 from ftp_dent_ros.fleet import LostWorkerError, cores, in_order, on_cluster, side_by_side
-from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud, viewpoint_of
+from ftp_dent_ros.inspection.inspecting import CloudInspector, survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.page import write_report
 from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.photograph.file import is_photograph, read_photograph
 from ftp_dent_ros.rig.rig import Lens, read_rig
-
-_CAMERA_FRAME = 'camera_optical_frame'
-
 
 ARGUMENTS = (
     argument(
@@ -88,13 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(arguments.inputs) > 1 or arguments.scheduler:
         return inspect_several(arguments)
     with progress_bar('inspecting', None, 'cloud') as bar:
-
-        def progress(count: int) -> None:
-            bar.total = count
-            bar.update()
-
-        jobs = arguments.jobs or cores()
-        report = report_of(arguments, arguments.inputs[0], progress, jobs)
+        report = report_of(arguments, arguments.inputs[0], bar, arguments.jobs or cores())
     page = write_report(arguments.output, report)
     print(summary(report))
     print(f'{page}')
@@ -114,25 +107,17 @@ def summary(report: InspectionReport) -> str:
         line += f', {entry.reason}' if entry.reason else ''
         line += f', seen {len(entry.sightings)} times' if len(report.frames) > 1 else ''
         lines.append(line + (f': {verdict(findings)}' if findings else ''))
-    lines += [_other(entry) for entry in report.others]
+    for entry in report.others:
+        dent = entry.dent
+        sizes = f'{dent.depth.value * 1e3:.3f} mm, length {dent.length.value * 1e3:.1f} mm'
+        lines.append(f'      {dent.kind} {sizes}' + (f': {entry.reason}' if entry.reason else ''))
     lines += report.remarks
     if report.skipped:
         lines.append(f'{len(report.skipped)} messages skipped, the first: {report.skipped[0]}')
     return '\n'.join(lines)
 
 
-def _other(entry: ListedDent) -> str:
-    dent = entry.dent
-    sizes = f'{dent.depth.value * 1e3:.3f} mm, length {dent.length.value * 1e3:.1f} mm'
-    return f'      {dent.kind} {sizes}' + (f': {entry.reason}' if entry.reason else '')
-
-
-def report_of(
-    arguments: argparse.Namespace,
-    path: Path,
-    progress: Callable[[int], object] = lambda count: None,
-    jobs: int = 1,
-) -> InspectionReport:
+def report_of(arguments: argparse.Namespace, path: Path, bar: tqdm, jobs: int) -> InspectionReport:
     """Inspect one of the inputs.
 
     Parameters
@@ -141,8 +126,8 @@ def report_of(
         Of the command.
     path : Path
         A cloud, a photograph or a bag.
-    progress : callable
-        Called after each cloud of a bag with how many there are.
+    bar : tqdm
+        Of the clouds of a bag.
     jobs : int
         Processes that inspect a bag's clouds.
 
@@ -154,14 +139,14 @@ def report_of(
     if not path.exists():
         raise ConfigurationError(f'{path}: no such file: check the path')
     if path.is_dir() or path.suffix.lower() == '.mcap':
-        return _of_bag(arguments, path, progress, jobs)
+        return _of_bag(arguments, path, bar, jobs)
     if arguments.survey:
         raise ConfigurationError(f'{path}: is no bag, whose clouds --survey joins: leave it out')
-    frame_id, measured_by = _CAMERA_FRAME, ''
+    measured_by = ''
     if path.suffix.lower() == '.ply':
         cloud, frame_id, measured_by = read_ply(path)
-        viewpoint = (0.0, 0.0, 0.0) if frame_id == _CAMERA_FRAME else viewpoint_of(cloud)
-        seen = SeenCloud(path.name, cloud, viewpoint=viewpoint)
+        in_camera = frame_id == CAMERA_FRAME
+        seen = SeenCloud(path.name, cloud, frame_id=frame_id, in_camera=in_camera)
     elif is_photograph(path):
         seen = _photographed(arguments, path)
     else:
@@ -172,15 +157,11 @@ def report_of(
     inspector = CloudInspector(inspect, settings=smallest_of(arguments))
     if inspector.add(seen) is None:
         raise CloudError(inspector.refused[0])
-    camera = camera if frame_id == _CAMERA_FRAME else None
-    return inspector.report(str(path), frame_id, named, camera, arguments.rules)
+    return inspector.report(str(path), named, camera, arguments.rules)
 
 
-def _of_bag(
-    arguments: argparse.Namespace, path: Path, progress: Callable[[int], object], jobs: int
-) -> InspectionReport:
+def _of_bag(arguments: argparse.Namespace, path: Path, bar: tqdm, jobs: int) -> InspectionReport:
     # Only this needs the libraries of bags.
-    from ftp_dent_ros.inspection.bag import survey_bag
     from ftp_dent_ros.recording import clouds
     from ftp_dent_ros.recording.reader import open_bag
 
@@ -191,11 +172,12 @@ def _of_bag(
     if arguments.survey:
         from ftp_dent_ros.survey.surveying import report_on_skin
 
-        thrice = partial(progress, 3 * count)
-        return report_on_skin(bag, named, camera, *how, thrice)[0]
+        bar.total = 3 * count
+        return report_on_skin(bag, named, camera, *how, bar.update)[0]
+    bar.total = count
     # Clouds that take as long as another process does to begin.
-    once, each = partial(progress, count), partial(in_order, jobs=min(jobs, count // 10))
-    return survey_bag(bag, inspect, named, camera, *how, progress=once, each=each)
+    each = partial(in_order, jobs=min(jobs, count // 10))
+    return survey_bag(bag, inspect, named, camera, *how, progress=bar.update, each=each)
 
 
 def _photographed(arguments: argparse.Namespace, path: Path) -> SeenCloud:
@@ -258,11 +240,10 @@ def inspect_several(arguments: argparse.Namespace) -> int:
 
 def _failure(path: str, error: Exception) -> str:
     """Why an input was not inspected: one must not cost all the others."""
+    text = str(error)
     if isinstance(error, LostWorkerError):
         text = f'not inspected ({error}): try it alone'
-    elif isinstance(error, FtpDentError):
-        text = str(error)
-    else:
+    elif not isinstance(error, FtpDentError):
         text = f'a defect of the software ({type(error).__name__}: {error}): report it'
     return text if text.startswith(path) else f'{path}: {text}'
 
@@ -271,7 +252,7 @@ def _inspect_into(task: tuple[argparse.Namespace, Path, Path]) -> str:
     """Inspect one input and write its report, in whatever process this is."""
     arguments, path, folder = task
     started = time.perf_counter()
-    report = report_of(arguments, path)
+    report = report_of(arguments, path, tqdm(disable=True), 1)
     write_report(folder, report)
     left_out = len(report.refused) + len(report.skipped)
     text = f'{len(report.dents)} dents, {len(report.others)} others'

@@ -9,15 +9,13 @@ import numpy as np
 
 from ftp_dent_ros.cli import argument
 from ftp_dent_ros.cloud.ply import write_ply
+from ftp_dent_ros.cloud.seen import CAMERA_FRAME
 from ftp_dent_ros.errors import CloudError, NoFringesError
 from ftp_dent_ros.files import check_writable, find, write_png
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.photograph.file import read_photograph
 from ftp_dent_ros.profilometry import METHODS, UNWRAPPINGS, Reconstructor, Settings
 from ftp_dent_ros.rig.rig import read_rig
-
-_FRAME = 'camera_optical_frame'
-
 
 ARGUMENTS = (
     argument('image', metavar='IMAGE', help='photograph (PNG, JPEG or TIFF)'),
@@ -66,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{arguments.image}: taken for {photograph.encoding} ({origin})')
     if arguments.skin:
         write_png(arguments.skin, cloud.skin)
-    write_ply(output, cloud, _FRAME, rig.id)
+    write_ply(output, cloud, CAMERA_FRAME, rig.id)
     depth = cloud.points[..., 2][cloud.valid]
     print(f'{output}: {len(depth)} points, {cloud.valid.mean():.1%} of the image')
     stripe = reconstructor.pattern.code == 'stripe'

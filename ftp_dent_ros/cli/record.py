@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import threading
 import time
-from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 from rclpy.executors import SingleThreadedExecutor
@@ -24,7 +24,6 @@ from ftp_dent_ros.errors import BagError, ConfigurationError
 from ftp_dent_ros.recording.topic import (
     Message,
     Qos,
-    RecordedTopic,
     absolute_names,
     is_hidden,
     known_topic,
@@ -61,12 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
     with session('recorder') as (node, stop):
         writer = _writer(arguments, output)
         spool = BagSpool(writer, _CAPACITY)
-        recorder = Recorder(node, writer.add_topic, spool.put, names, arguments.all)
+        recorder = Recorder(node, spool, names, arguments.all)
         start = time.monotonic()
-        try:
-            _receive(node, recorder, spool, writer, stop)
-        finally:
-            spool.close()
+        with closing(spool):
+            _receive(node, recorder, spool, stop)
     total = (
         f'{writer.message_count} messages, {writer.size / 1e6:.1f} MB '
         f'in {time.monotonic() - start:.1f} s'
@@ -97,19 +94,16 @@ def _writer(arguments: argparse.Namespace, output: Path) -> BagWriter:
     return CompressedBagWriter(output)
 
 
-def _receive(
-    node: Node, recorder: Recorder, spool: BagSpool, writer: BagWriter, stop: threading.Event
-) -> None:
+def _receive(node: Node, recorder: Recorder, spool: BagSpool, stop: threading.Event) -> None:
     """Take what comes until it is enough, and say every five seconds how much that is."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
     shown = time.monotonic()
-    try:
+    with SingleThreadedExecutor() as executor:
+        executor.add_node(node)
         while not (stop.is_set() or spool.error):
             executor.spin_once(timeout_sec=_DISCOVERY_S)
             if time.monotonic() - shown > 5.0:
                 shown = time.monotonic()
-                say(f'{writer.message_count} messages, {writer.size / 1e6:.1f} MB')
+                say(f'{spool.writer.message_count} messages, {spool.writer.size / 1e6:.1f} MB')
         # What had arrived when the signal came is taken too.
         end = time.monotonic() + 1.0
         before = -1
@@ -117,8 +111,6 @@ def _receive(
             before = recorder.received
             for _ in range(5):  # some turns go to timers and events
                 executor.spin_once(timeout_sec=0.0)
-    finally:
-        executor.shutdown()
 
 
 _DISCOVERY_S = 0.1
@@ -131,10 +123,8 @@ class Recorder:
     ----------
     node : Node
         Spun by the caller.
-    add_topic : callable
-        Takes each topic before its first message.
-    put : callable
-        Takes each message.
+    spool : BagSpool
+        Takes each message; its writer each topic before its first one.
     names : tuple of str
         Topics wanted in any case, absolute.
     everything : bool
@@ -147,17 +137,10 @@ class Recorder:
     """
 
     def __init__(
-        self,
-        node: Node,
-        add_topic: Callable[[RecordedTopic], None],
-        put: Callable[[Message], bool],
-        names: tuple[str, ...],
-        everything: bool,
+        self, node: Node, spool: BagSpool, names: tuple[str, ...], everything: bool
     ) -> None:
         self.received = 0
-        self._node = node
-        self._add_topic = add_topic
-        self._put = put
+        self._node, self._spool = node, spool
         self._names, self._everything = names, everything
         # Of each topic that was met; None where ROS refuses it.
         self._subscriptions: dict[str, AnySubscription | None] = {}
@@ -200,7 +183,7 @@ class Recorder:
             received = info['received_timestamp'] or time.time_ns()
             published = info['source_timestamp'] or received
             sequence = (info['publication_sequence_number'] or 0) & 0xFFFFFFFF
-            self._put(Message(name, kind, received, published, data, sequence))
+            self._spool.put(Message(name, kind, received, published, data, sequence))
 
         # Messages that wait in DDS while this process is held up: few images and clouds, which
         # would fill the memory.
@@ -212,6 +195,6 @@ class Recorder:
         except Exception as reason:  # an unknown type, or rclpy's own: a name that is not ROS's
             say(f'{name}: not recorded: {str(reason).splitlines()[0].rstrip(":")}')
             return None
-        self._add_topic(topic)
+        self._spool.writer.add_topic(topic)
         say(f'recording {name} [{kind}]')
         return subscription

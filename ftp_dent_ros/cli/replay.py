@@ -61,7 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
         player.wait_for_subscribers(all_of_them=arguments.wait_for_subscribers)
         start = time.monotonic()
         player.play(arguments.rate)
-        player.wait_for_acknowledgements()
     print(
         f'{arguments.bag}: {player.published} messages of {len(player.topics)} topics '
         f'in {time.monotonic() - start:.1f} s'
@@ -93,6 +92,8 @@ class Player:
     ----------
     published : int
         Messages so far.
+    topics : set of str
+        Names, in the bag, of the topics that are published.
 
     Raises
     ------
@@ -116,13 +117,9 @@ class Player:
                 )
             except Exception as reason:  # noqa: PERF203  # of a type or name that cannot be
                 say(f'{topic.name}: not replayed: {str(reason).splitlines()[0].rstrip(":")}')
+        self.topics = {name for name, _ in self._publishers}
         if topics and not self._publishers:
             raise BagError(f'{bag.path}: none of its topics can be replayed here: see above')
-
-    @property
-    def topics(self) -> set[str]:
-        """Names, in the bag, of the topics that are published."""
-        return {name for name, _ in self._publishers}
 
     def wait_for_subscribers(self, all_of_them: bool) -> None:
         """Wait until discovery has been quiet for half a second, or every topic is subscribed."""
@@ -143,7 +140,7 @@ class Player:
                 said = now
 
     def play(self, rate: float) -> None:
-        """Play the bag at so many times its speed."""
+        """Play the bag at so many times its speed, until reliable subscriptions have all of it."""
         total = sum(self._bag.message_counts[name] for name in self.topics)
         start = time.monotonic()
         with tqdm(total=total, unit=' messages', disable=None) as bar:
@@ -154,24 +151,20 @@ class Player:
                 if self._stop.wait(min(max(0.0, ahead), threading.TIMEOUT_MAX)):
                     return
                 publisher = self._publishers.get((message.topic, message.type))
-                if publisher is not None:
-                    self._publish(publisher, message.data, hurried=ahead < 0)
                 bar.update()
-
-    def wait_for_acknowledgements(self) -> None:
-        """Wait until reliable subscriptions have everything, or have been silent for long."""
+                if publisher is None:
+                    continue
+                publisher.publish(message.data)
+                self.published += 1
+                self._unacknowledged[publisher] += 1
+                # At the original times the subscribers keep up, as they did then.
+                if ahead < 0 and self._unacknowledged[publisher] >= _DEPTH:
+                    self._wait_for_acknowledgement(publisher)
         for publisher in self._publishers.values():
             self._wait_for_acknowledgement(publisher)
 
-    def _publish(self, publisher: Publisher, data: bytes, hurried: bool) -> None:
-        publisher.publish(data)
-        self.published += 1
-        self._unacknowledged[publisher] += 1
-        # At the original times the subscribers keep up, as they did then.
-        if hurried and self._unacknowledged[publisher] >= _DEPTH:
-            self._wait_for_acknowledgement(publisher)
-
     def _wait_for_acknowledgement(self, publisher: Publisher) -> None:
+        """Wait until reliable subscriptions have everything, or have been silent for long."""
         # Without the shipped transport.xml Fast DDS asks for acknowledgements every 3 s only.
         end = time.monotonic() + 10.0
         while not publisher.wait_for_all_acked(Duration(nanoseconds=50_000_000)):

@@ -20,12 +20,13 @@ from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import Inspection, SmallestDent
 from ftp_dent_ros.errors import FtpDentError
 from ftp_dent_ros.evaluation.scenes import PATTERN, Scene, make_rig
-from ftp_dent_ros.files import write_atomically
+from ftp_dent_ros.files import write_texts
 from ftp_dent_ros.fleet import cores, in_order
+from ftp_dent_ros.inspection.inspecting import area_of
 from ftp_dent_ros.inspection.measuring.inspection import inspect
-from ftp_dent_ros.inspection.records import finite
 from ftp_dent_ros.pages.drawing import data_uri, figure_png
 from ftp_dent_ros.pages.page import render
+from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.profilometry import Settings as ReconstructionSettings
@@ -184,10 +185,6 @@ def _patches(places: Sequence[tuple[float, float]]) -> dict[str, Any]:
     return _marked(*(PaintPatch(x, y, 0.05, 0.03, (0.5,) * 3) for x, y in places))
 
 
-def _streaks(seed: int, angle: float) -> dict[str, Any]:
-    return _marked(Dirt(0.15, (0.016, 0.006), seed, stretch=8.0, angle=angle))
-
-
 def _riveted(rivet: Callable[[float, float], Any], y: float) -> dict[str, Any]:
     return {'rivets': tuple(rivet(-0.3 + 0.025 * i, y) for i in range(25))}
 
@@ -201,7 +198,9 @@ _SKINS: dict[str, Callable[[np.random.Generator, int, float], dict[str, Any]]] =
     'domed rivets': lambda rng, seed, reach: _riveted(domed_rivet, reach * rng.uniform(-0.4, 0.4)),
     'lettering': lambda rng, seed, reach: _letters(*(reach * rng.uniform(-0.5, 0.5, 2)).tolist()),
     'patches': lambda rng, seed, reach: _patches((reach * rng.uniform(-1, 1, (3, 2))).tolist()),
-    'streaks': lambda rng, seed, reach: _streaks(seed, rng.uniform(0, math.pi)),
+    'streaks': lambda rng, seed, reach: _marked(
+        Dirt(0.15, (0.016, 0.006), seed, stretch=8.0, angle=rng.uniform(0, math.pi))
+    ),
 }
 #: Blank skins; the first three are those that are dented too.
 SKINS = tuple(_SKINS)
@@ -217,12 +216,6 @@ def _rig(distance: float):
 def reconstructor_at(distance: float) -> Reconstructor:
     """Of photographs that are taken so many metres away."""
     return Reconstructor(_rig(distance), PATTERN, ReconstructionSettings(stride=2))
-
-
-def area_of(points) -> float:
-    """Of a cloud's whole cells, square metres."""
-    right, down = np.diff(points, axis=1)[:-1], np.diff(points, axis=0)[:, :-1]
-    return float(np.nansum(np.linalg.norm(np.cross(right, down), axis=-1)))
 
 
 @dataclass(frozen=True)
@@ -434,12 +427,9 @@ def write_detection(
         'rows': [asdict(row) for row in rows],
         'blanks': [{**asdict(blank), 'at_most_per_m2': blank.most} for blank in blanks],
     }
-    with write_atomically(folder / 'detection.json') as temporary:
-        temporary.write_text(json.dumps(finite(record), indent=1, allow_nan=False) + '\n')
-    page = folder / 'detection.html'
-    with write_atomically(page) as temporary:
-        temporary.write_text(text, encoding='utf-8')
-    return page, quoted
+    data = json.dumps(finite(record), indent=1, allow_nan=False) + '\n'
+    write_texts(folder, {'detection.json': data, 'detection.html': text}, 'the page')
+    return folder / 'detection.html', quoted
 
 
 def _curves(trials: Sequence[Trial], rows: Sequence[Row]) -> str:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.evaluation.study import ESTRADA, ITOH, LEAST_SQUARES, SMOOTHER, Entry
-from ftp_dent_ros.files import write_atomically
+from ftp_dent_ros.files import write_texts
 from ftp_dent_ros.pages.drawing import data_uri, figure_png
 from ftp_dent_ros.pages.page import render
 
@@ -73,7 +73,16 @@ def write_page(folder: Path, entries: Sequence[Entry], quick: bool) -> Path:
         for title, remark, table, methods in _TABLES
     ]
     pictures = [
-        (caption, error_maps([e for e in entries if _is(e, table, row) and e.method in methods]))
+        (
+            caption,
+            error_maps(
+                [
+                    e
+                    for e in entries
+                    if (e.case.table, e.case.row) == (table, row) and e.method in methods
+                ]
+            ),
+        )
         for caption, table, row, methods in _PICTURES
     ]
     text = render(
@@ -86,14 +95,8 @@ def write_page(folder: Path, entries: Sequence[Entry], quick: bool) -> Path:
         version=__version__,
         machine=f'{platform.system()} {platform.machine()}',
     )
-    page = folder / 'index.html'
-    with write_atomically(page) as temporary:
-        temporary.write_text(text, encoding='utf-8')
-    return page
-
-
-def _is(entry: Entry, table: str, row: str) -> bool:
-    return (entry.case.table, entry.case.row) == (table, row)
+    write_texts(folder, {'index.html': text}, 'the page')
+    return folder / 'index.html'
 
 
 def _cells(entry: Entry) -> tuple[str, ...]:

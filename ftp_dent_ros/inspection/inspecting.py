@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud, check_resolution
-from ftp_dent_ros.cloud.coverage import Coverage
+from ftp_dent_ros.cloud.seen import CAMERA_FRAME, SeenCloud
 from ftp_dent_ros.dents.dent import Inspection, SmallestDent
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
 from ftp_dent_ros.dents.glass import sentence
@@ -26,14 +28,19 @@ from ftp_dent_ros.inspection.report import (
     mesh_of,
 )
 from ftp_dent_ros.pages.drawing import jpeg
-from ftp_dent_ros.pose import IDENTITY, Pose
+from ftp_dent_ros.pose import IDENTITY
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.robust import median
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.recording.reader import Bag
 
 Inspect = Callable[..., Inspection]
 #: A cloud, and from where it was seen in its own frame (metres): plain data, that another process
 #: can be given.
 Task = tuple[Cloud, ArrayLike]
+#: As `map`: where clouds are inspected, and how many of them at once.
+Each = Callable[[Callable[[Task], 'Inspected'], Iterable[Task]], Iterator['Inspected']]
 
 
 class CloudInspector:
@@ -63,6 +70,7 @@ class CloudInspector:
         self._placed = placed
         # Of the 3-D view: in one cloud, and in all of them.
         self._vertices = max(400, min(16_000, 120_000 // max(clouds, 1)))
+        self._frame_id, self._in_camera = CAMERA_FRAME, True
         self._lists: list[DentList] = []
         self._frames: list[ReportedCloud] = []
         self.refused: list[str] = []
@@ -75,7 +83,7 @@ class CloudInspector:
         Inspection or None
             In the cloud's own frame.
         """
-        return self.take(observation, self.inspect((observation.cloud, observation.viewpoint)))
+        return self.take(observation, self.inspect(task_of(observation)))
 
     def take(self, observation: SeenCloud, inspected: Inspected) -> Inspection | None:
         """Keep what came of a cloud's task; as `add` does. In the order of the tasks."""
@@ -89,22 +97,23 @@ class CloudInspector:
             self._lists.append(DentList())
         is_new = self._lists[-1].add(
             number,
-            [dent.transformed(observation.pose) for dent in dents],
+            [dent.transformed(observation.pose or IDENTITY) for dent in dents],
             observation.vehicle,
             EXACT if observation.vehicle is None else observation.covariance,
-            observation.stamp_ns,
+            observation.stamp_ns or None,
         )
         if not is_new:
             self.refused.append(f'{observation.name}: the same cloud once more: counted once')
             return None
         self._frames.append(_frame(number, observation, found, self._vertices))
+        self._frame_id = observation.frame_id
+        self._in_camera &= observation.in_camera
         self._keep_views(observation, found)
         return found
 
     def report(
         self,
         source: str,
-        frame_id: str,
         rig: tuple[str, str] = ('', ''),
         camera: Lens | None = None,
         rules: Rules | None = None,
@@ -114,11 +123,11 @@ class CloudInspector:
 
         Parameters
         ----------
-        source, frame_id : str
+        source : str
         rig : (str, str)
             The calibration's name and id.
         camera : Lens, optional
-            Of that rig.
+            Of that rig, to draw the dents into the photographs of clouds in its frame.
         rules : Rules, optional
             The user's limits.
         skipped : iterable of str
@@ -144,13 +153,13 @@ class CloudInspector:
             )
         return InspectionReport(
             source=source,
-            frame_id=frame_id,
+            frame_id=self._frame_id,
             frames=tuple(self._frames),
             entries=self._entries(),
             settings=self._settings,
             rig_name=rig[0],
             rig_id=rig[1],
-            camera=camera,
+            camera=camera if self._in_camera else None,
             rules=rules,
             refused=tuple(self.refused),
             skipped=skipped,
@@ -192,15 +201,15 @@ def _frame(number: int, observation: SeenCloud, found: Inspection, vertices: int
     return ReportedCloud(
         number=number,
         name=observation.name,
-        stamp_ns=observation.stamp_ns,
-        area=_area(cloud.points),
+        stamp_ns=observation.stamp_ns or None,
+        area=area_of(cloud.points),
         noise=median(found.noise[np.isfinite(found.noise)]),
         findable=findable_shares(found.findable),
         waviness=found.waviness,
         dents=len(found.dents),
         others=len(found.others),
         has_skin=bool(cloud.skin.any()),
-        mesh=mesh_of(cloud.points, found.deviation, observation.pose, vertices),
+        mesh=mesh_of(cloud.points, found.deviation, observation.pose or IDENTITY, vertices),
         pose=observation.vehicle,
         covariance=None if covariance is None or not covariance.any() else covariance,
         coverage=observation.coverage,
@@ -212,13 +221,13 @@ def _view(observation: SeenCloud, found: Inspection) -> DrawnCloud:
     return DrawnCloud(
         observation.cloud.points,
         found.deviation,
-        observation.pose,
+        observation.pose or IDENTITY,
         None if photograph is None else jpeg(photograph),
         (0, 0) if photograph is None else (photograph.shape[1], photograph.shape[0]),
     )
 
 
-def _area(points: NDArray[np.float32]) -> float:
+def area_of(points: NDArray[np.float32]) -> float:
     """Area of a cloud's whole cells, square metres."""
     right, down = points[:-1, 1:] - points[:-1, :-1], points[1:, :-1] - points[:-1, :-1]
     return float(np.nansum(np.linalg.norm(np.cross(right, down), axis=-1)))
@@ -256,45 +265,74 @@ def inspected(inspect: Inspect, settings: SmallestDent, task: Task) -> Inspected
     return Inspected(found)
 
 
-@dataclass(frozen=True, eq=False)
-class SeenCloud:
-    """A cloud, and what is known of it.
-
-    Attributes
-    ----------
-    name : str
-    cloud : Cloud
-    stamp_ns : int, optional
-    viewpoint : ndarray, shape (3,)
-        From where it was seen, in its own frame, metres.
-    pose : Pose
-        Of its frame in the report's.
-    vehicle : Pose, optional
-        Of the camera in the report's frame, or of the vehicle where that alone is known.
-    covariance : ndarray, shape (6, 6), optional
-        Of that pose; all zeros is unknown.
-    coverage : Coverage, optional
-        What of the lit skin has no points, and why; the reconstruction knows.
-    photograph : ndarray, shape (height, width, 3), uint8, optional
-        RGB.
-    """
-
-    name: str
-    cloud: Cloud
-    stamp_ns: int | None = None
-    viewpoint: NDArray[np.float64] | tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pose: Pose = IDENTITY
-    vehicle: Pose | None = None
-    covariance: NDArray[np.float64] | None = None
-    coverage: Coverage | None = None
-    photograph: NDArray[np.uint8] | None = None
-
-
-def viewpoint_of(cloud: Cloud) -> NDArray[np.float64]:
-    """A point on the camera's side of an organised cloud in any frame, shape (3,), metres."""
+def task_of(observation: SeenCloud) -> Task:
+    """A cloud, and a point on its camera's side, shape (3,), metres, in the cloud's frame."""
+    cloud = observation.cloud
+    if observation.in_camera:
+        return cloud, np.zeros(3)
     away = away_from_camera(cloud.points.astype(float))
     away = away[np.isfinite(away).all(axis=-1)].sum(axis=0)
     length, valid = np.linalg.norm(away), cloud.points[cloud.valid]
     if not length or not len(valid):
-        return np.zeros(3)
-    return np.asarray(np.median(valid, axis=0) - away / length, float)
+        return cloud, np.zeros(3)
+    return cloud, np.median(valid, axis=0) - away / length
+
+
+def survey_bag(
+    bag: Bag,
+    inspect: Inspect,
+    rig: tuple[str, str] = ('', ''),
+    camera: Lens | None = None,
+    rules: Rules | None = None,
+    settings: SmallestDent | None = None,
+    progress: Callable[[], Any] = lambda: None,
+    each: Each = map,
+) -> InspectionReport:
+    """Inspect every cloud of a bag: the tagged ones with their poses, else those of ``points``.
+
+    Parameters
+    ----------
+    bag : Bag
+    inspect : callable
+        `ftp_dent_ros.inspection.measuring.inspection.inspect`.
+    rig : (str, str)
+        The calibration's name and id.
+    camera : Lens, optional
+        Of that rig, to draw the dents into the photographs.
+    rules : Rules, optional
+    settings : SmallestDent, optional
+    progress : callable
+        Called after each cloud.
+    each : callable
+        As `map`: where clouds are inspected, and how many of them at once.
+
+    Returns
+    -------
+    InspectionReport
+        It names the messages that could not be used.
+
+    Raises
+    ------
+    BagError
+        It has no clouds, or is damaged.
+    CloudError
+        No cloud in it could be inspected.
+    """
+    # Only this needs the libraries of bags.
+    from ftp_dent_ros.recording.clouds import bag_clouds, count_clouds, coverages_of
+
+    count, tagged = count_clouds(bag)
+    inspector = CloudInspector(inspect, count, placed=tagged, settings=settings)
+    covered = coverages_of(bag)
+    skipped: list[str] = []
+    read: deque[SeenCloud] = deque()
+
+    def tasks() -> Iterator[Task]:
+        for item in bag_clouds(bag, skipped.append):
+            read.append(replace(item, coverage=covered.get(item.stamp_ns)))
+            yield task_of(item)
+
+    for inspected in each(inspector.inspect, tasks()):
+        inspector.take(read.popleft(), inspected)
+        progress()
+    return inspector.report(str(bag.path), rig, camera, rules, skipped)

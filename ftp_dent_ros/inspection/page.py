@@ -19,7 +19,7 @@ from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
 from ftp_dent_ros.dents.rules import EXCEEDS, UNDECIDED, WITHIN, Judgement, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
-from ftp_dent_ros.files import write_all_atomically
+from ftp_dent_ros.files import write_texts
 from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
 from ftp_dent_ros.inspection.records import csv_text, report_record
 from ftp_dent_ros.inspection.report import (
@@ -51,9 +51,7 @@ def write_report(folder: str | os.PathLike[str], report: InspectionReport) -> Pa
         'dents.csv': csv_text(record),
         'report.html': page(report),
     }
-    with write_all_atomically(folder, texts, 'the report') as temporary:
-        for name, text in texts.items():
-            temporary[name].write_text(text, encoding='utf-8', errors='backslashreplace')
+    write_texts(folder, texts, 'the report')
     return Path(folder) / 'report.html'
 
 

@@ -6,14 +6,10 @@ A message that cannot be used costs its own cloud alone, named by topic and stam
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
+from ftp_dent_ros.cloud.seen import SeenCloud
 from ftp_dent_ros.coding.images import image_from_message
 from ftp_dent_ros.coding.messages import (
     cloud_from_message,
@@ -22,7 +18,6 @@ from ftp_dent_ros.coding.messages import (
     stamp_to_ns,
 )
 from ftp_dent_ros.errors import BagError, FtpDentError
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.recording.topic import Message
 
@@ -41,41 +36,6 @@ _TYPES = {
 _DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
-@dataclass(frozen=True, eq=False)
-class BagCloud:
-    """One cloud of a bag.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    cloud : Cloud
-        In the camera's frame if `in_camera`, else in `frame_id`.
-    frame_id : str
-        ``map`` of tagged clouds, else the camera's frame.
-    in_camera : bool
-    pose : Pose or None
-        Of the camera in `frame_id`, where it was recorded.
-    vehicle : Pose or None
-        Of the camera in `frame_id`, or of ``base_link`` where that alone was recorded.
-    covariance : ndarray, shape (6, 6), or None
-        Of that pose.
-    photograph : ndarray, shape (height, width, 3), uint8, or None
-        RGB.
-    skin : ndarray, shape (rows, columns), uint8, or None
-        Image of the skin on the cloud's grid, 0 where there is no point.
-    """
-
-    stamp_ns: int
-    cloud: Cloud
-    frame_id: str
-    in_camera: bool
-    pose: Pose | None = None
-    vehicle: Pose | None = None
-    covariance: NDArray[np.float64] | None = None
-    photograph: NDArray[np.uint8] | None = None
-    skin: NDArray[np.uint8] | None = None
-
-
 def count_clouds(bag: Bag) -> tuple[int, bool]:
     """How many clouds a bag has, and whether they are tagged with their poses.
 
@@ -84,16 +44,15 @@ def count_clouds(bag: Bag) -> tuple[int, bool]:
     BagError
         It has none.
     """
-    counts = _counts(bag)
     wanted = _wanted(bag)
-    return min(counts[topic] for topic in wanted), len(wanted) > 1
+    return min(bag.message_counts[topic] for topic in wanted), len(wanted) > 1
 
 
 def bag_clouds(
     bag: Bag,
     skip: Callable[[str], object] = lambda sentence: None,
     photographs: bool = True,
-) -> Iterator[BagCloud]:
+) -> Iterator[SeenCloud]:
     """Clouds of a bag in the order of their arrival: the tagged ones, else those of `POINTS`.
 
     Parameters
@@ -112,7 +71,7 @@ def bag_clouds(
     """
     wanted = _wanted(bag)
     others = {SKIN, PHOTOGRAPHS} if photographs else {SKIN}
-    topics = [topic for topic, count in _counts(bag).items() if count and topic in wanted | others]
+    topics = _recorded(bag) & (wanted | others)
     waiting: dict[int, dict[str, Any]] = {}
     done: set[int] = set()
     for message in bag.messages(topics):
@@ -139,7 +98,7 @@ def bag_clouds(
             del waiting[stamp_ns]
             done.add(stamp_ns)
             if all(parts[topic] is not None for topic in wanted):
-                yield _bag_cloud(stamp_ns, parts)
+                yield _seen_cloud(stamp_ns, parts)
         # So many exposures may be under way at once: what belongs to older ones has not come.
         while len(waiting) > 30:
             del waiting[next(iter(waiting))]
@@ -175,21 +134,21 @@ def _diagnostics(bag: Bag) -> Iterator[dict[str, str]]:
 
 def _wanted(bag: Bag) -> frozenset[str]:
     """Topics that a cloud takes: with the camera's pose, else tagged, else alone."""
-    counts = _counts(bag)
+    recorded = _recorded(bag)
     for topics in ({POINTS, CAMERA_POSE}, {TAGGED, POSE}, {POINTS}):
-        if all(counts.get(topic, 0) for topic in topics):
+        if topics <= recorded:
             return frozenset(topics)
     raise BagError(
         f'{bag.path}: has no clouds on {TAGGED} or {POINTS}: record them with the payload'
     )
 
 
-def _counts(bag: Bag) -> dict[str, int]:
-    """Messages of the topics that are asked for and have the type expected."""
+def _recorded(bag: Bag) -> set[str]:
+    """Topics that are asked for, have the type expected, and messages."""
     return {
-        topic.name: bag.message_counts[topic.name]
+        topic.name
         for topic in bag.topics
-        if topic.type == _TYPES.get(topic.name)
+        if topic.type == _TYPES.get(topic.name) and bag.message_counts[topic.name]
     }
 
 
@@ -206,19 +165,19 @@ def _usable(message: Message, content: Any) -> Any:
     return cloud_from_message(content), frame_id
 
 
-def _bag_cloud(stamp_ns: int, parts: dict[str, Any]) -> BagCloud:
+def _seen_cloud(stamp_ns: int, parts: dict[str, Any]) -> SeenCloud:
     in_camera = TAGGED not in parts
     cloud, frame_id = parts[POINTS if in_camera else TAGGED]
     located = parts.get(CAMERA_POSE if in_camera else POSE)
     vehicle, covariance, frame = located or (None, None, frame_id)
-    return BagCloud(
-        stamp_ns,
+    return SeenCloud(
+        f'{stamp_ns / 1e9:.3f} s',
         cloud.with_skin(parts.get(SKIN)),
+        stamp_ns,
         frame if in_camera else frame_id,
         in_camera,
         pose=vehicle if in_camera else None,
         vehicle=vehicle,
         covariance=covariance,
         photograph=parts.get(PHOTOGRAPHS),
-        skin=parts.get(SKIN),
     )

@@ -229,6 +229,7 @@ class BagSpool:
 
     Attributes
     ----------
+    writer : BagWriter
     dropped : int
         Messages that were not taken because the queue was full.
     error : Exception or None
@@ -239,8 +240,7 @@ class BagSpool:
     def __init__(self, writer: BagWriter, capacity: int) -> None:
         self.dropped = 0
         self.error: Exception | None = None
-        self._writer = writer
-        self._capacity = capacity
+        self.writer, self._capacity = writer, capacity
         self._waiting: deque[Message] = deque()
         self._waiting_size = 0
         self._lock = threading.Lock()
@@ -248,17 +248,16 @@ class BagSpool:
         self._thread = threading.Thread(target=self._run, name='bag writer', daemon=True)
         self._thread.start()
 
-    def put(self, message: Message) -> bool:
-        """Queue a message; False if it was dropped."""
+    def put(self, message: Message) -> None:
+        """Queue a message, or drop it."""
         with self._lock:
             # A message larger than the whole queue is taken when it comes alone.
             full = self._waiting_size and self._waiting_size + len(message.data) > self._capacity
             if full or self.error is not None:
                 self.dropped += 1
-                return False
-            self._waiting.append(message)
-            self._waiting_size += len(message.data)
-            return True
+            else:
+                self._waiting.append(message)
+                self._waiting_size += len(message.data)
 
     def close(self) -> None:
         """Write what waits, close the bag and end the thread."""
@@ -273,20 +272,20 @@ class BagSpool:
         try:
             while not is_last:
                 is_last = self._closing.wait(0.1)
-                before, batch = self._writer.message_count, self._waiting
+                before, batch = self.writer.message_count, self._waiting
                 with self._lock:
                     self._waiting = deque()
-                self._writer.write(batch)
+                self.writer.write(batch)
                 with self._lock:
                     self._waiting_size -= sum(len(message.data) for message in batch)
                 if time.monotonic() - synced > 2.0:
-                    self._writer.sync()
+                    self.writer.sync()
                     synced = time.monotonic()
-            self._writer.close()
+            self.writer.close()
         except Exception as error:
             with self._lock:
                 self.error = error
-                unwritten = len(batch) - (self._writer.message_count - before)
+                unwritten = len(batch) - (self.writer.message_count - before)
                 self.dropped += unwritten + len(self._waiting)
 
 

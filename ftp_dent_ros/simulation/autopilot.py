@@ -158,8 +158,7 @@ class Telemetry:
     def _attitude(self, boot_ns: int) -> Any:
         rotation = _NED_FROM_ENU * self._estimate(boot_ns).rotation * _FLU_FROM_FRD
         x, y, z, w = rotation.as_quat()
-        flight = self._world.flight
-        rates = flight.body_rates(self._world.flight_time(self._boot_ns + boot_ns))
+        _, rates = self._rates(boot_ns)
         return mavlink.MAVLink_attitude_quaternion_message(
             milliseconds(boot_ns), w, x, y, z, *_FLU_FROM_FRD.inv().apply(rates)
         )
@@ -168,16 +167,16 @@ class Telemetry:
         return mavlink.MAVLink_local_position_ned_message(
             milliseconds(boot_ns),
             *_NED_FROM_ENU.apply(self._estimate(boot_ns).translation),
-            *_NED_FROM_ENU.apply(self._velocity(boot_ns)),
+            *_NED_FROM_ENU.apply(self._rates(boot_ns)[0]),
         )
 
-    def _velocity(self, boot_ns: int) -> NDArray[np.float64]:
+    def _rates(self, boot_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         world = self._world
-        return world.flight.velocity(world.flight_time(self._boot_ns + boot_ns))
+        return world.flight.rates(world.flight_time(self._boot_ns + boot_ns))
 
     def _global_position(self, boot_ns: int) -> Any:
         place = self._estimate(boot_ns).translation
-        velocity = np.rint(100 * _NED_FROM_ENU.apply(self._velocity(boot_ns))).astype(int)
+        velocity = np.rint(100 * _NED_FROM_ENU.apply(self._rates(boot_ns)[0])).astype(int)
         return mavlink.MAVLink_global_position_int_message(
             milliseconds(boot_ns), *_on_earth(place), round(1e3 * place[2]), *velocity, 65535
         )

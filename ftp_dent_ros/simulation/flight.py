@@ -29,8 +29,16 @@ _FREQUENCIES = np.array(
     ]
 )
 _SHARES = np.array([0.6, 0.3, 0.1])
-_PHASES = np.array([[0.3, 1.9, 4.1], [2.2, 5.3, 0.7], [4.4, 0.2, 3.0], [1.1, 3.7, 5.9]])
-_PHASES = np.vstack([_PHASES, [[5.0, 2.6, 1.3], [3.3, 4.8, 2.1]]])
+_PHASES = np.array(
+    [
+        [0.3, 1.9, 4.1],
+        [2.2, 5.3, 0.7],
+        [4.4, 0.2, 3.0],
+        [1.1, 3.7, 5.9],
+        [5.0, 2.6, 1.3],
+        [3.3, 4.8, 2.1],
+    ]
+)
 # Of the differences that rates are: seconds, in which a sway of 0.4 Hz is a line to 1e-6.
 _STEP = 1e-3
 
@@ -86,15 +94,11 @@ class Flight(Checked):
         deviation[1] -= self.length / 2 * (_TURN_SHARES @ np.cos(circle * _TURNS * seconds))
         return self.middle @ Pose.from_rpy(deviation[3:], deviation[:3])
 
-    def velocity(self, seconds: float) -> Vector:
-        """Velocity of ``base_link`` in ``map``, shape (3,), m/s."""
+    def rates(self, seconds: float) -> tuple[Vector, Vector]:
+        """Velocity in ``map``, m/s, and angular velocity in ``base_link``, rad/s, shape (3,)."""
         before, after = self.pose(seconds - _STEP), self.pose(seconds + _STEP)
-        return (after.translation - before.translation) / (2 * _STEP)
-
-    def body_rates(self, seconds: float) -> Vector:
-        """Angular velocity in ``base_link``'s axes, shape (3,), rad/s."""
-        before, after = self.pose(seconds - _STEP), self.pose(seconds + _STEP)
-        return (before.rotation.inv() * after.rotation).as_rotvec() / (2 * _STEP)
+        turn = (before.rotation.inv() * after.rotation).as_rotvec()
+        return (after.translation - before.translation) / (2 * _STEP), turn / (2 * _STEP)
 
 
 @dataclass(frozen=True)

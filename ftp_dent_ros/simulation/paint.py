@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -27,6 +27,7 @@ from ftp_dent_ros.fields import (
     Triple,
 )
 from ftp_dent_ros.simulation.dents import turned
+from ftp_dent_ros.simulation.sensor import Image
 
 # Grains of a noise before it repeats (at 4 mm half a metre), and samples a grain: OpenCV 4 rounds
 # positions to 1/32 of a sample.
@@ -36,9 +37,6 @@ _FINE = 8
 LETTER = 200
 # Of the images that lists of positions are made into.
 _COLUMNS = 4096
-
-# float32, for which OpenCV's annotations are too wide.
-Image = NDArray[Any]
 
 # Standard deviations that 99 % of a normal distribution lie within.
 _WITHIN = 2.576
@@ -382,6 +380,7 @@ class Print(Paint):
     Attributes
     ----------
     ink : ndarray, shape (rows, columns), bool
+        Its rim is as all that is around it.
     pixel : float
         Side of the image's pixels on the panel, metres.
     origin : tuple of 2 floats
@@ -396,13 +395,10 @@ class Print(Paint):
 
     def beyond_edge(self, x: NDArray, y: NDArray) -> NDArray[np.bool_]:
         """Mask of panel coordinates that are inked."""
-        place = [
-            np.floor((np.nan_to_num(along) - first) / self.pixel).astype(np.intp)
-            for along, first in zip((x, y), self.origin, strict=True)
-        ]
+        place = np.stack([np.nan_to_num(x) - self.origin[0], np.nan_to_num(y) - self.origin[1]])
+        column, row = np.floor(place / self.pixel).astype(np.intp)
         rows, columns = self.ink.shape
-        inside = (place[0] >= 0) & (place[0] < columns) & (place[1] >= 0) & (place[1] < rows)
-        return inside & self.ink[np.clip(place[1], 0, rows - 1), np.clip(place[0], 0, columns - 1)]
+        return self.ink[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
 
 
 def board_print(board: Board) -> Print:

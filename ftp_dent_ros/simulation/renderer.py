@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +14,7 @@ from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.paint import sampled
-from ftp_dent_ros.simulation.sensor import Photometry, read_out, speckle
+from ftp_dent_ros.simulation.sensor import Image, Photometry, read_out, speckle
 from ftp_dent_ros.simulation.surface import Surface, paint_on, sun_on
 from ftp_dent_ros.simulation.view import (
     CameraMotion,
@@ -32,9 +31,6 @@ from ftp_dent_ros.simulation.view import (
 # Samples a projector pixel along u. OpenCV 4 rounds positions to 1/32 of a sample.
 _FINE = 4
 _FULL = 60000.0
-
-# float32, for which OpenCV's annotations are too wide.
-Image = NDArray[Any]
 
 
 class Light:
@@ -73,13 +69,8 @@ class Light:
 
     def index(self, u: NDArray, v: NDArray) -> Image:
         """Index (column, row) into the field of projector pixels of one shape, shape (2, ...)."""
-        column = np.multiply(u, _FINE, dtype=float)
-        column += _FINE * (self._border + 0.5) - 0.5
-        return np.array([column, v + self._border], np.float32)
-
-    def index_change(self, drift: NDArray) -> Image:
-        """Change of an index with a change of projector pixels, both of shape (2, ...)."""
-        return drift * np.array([[[_FINE]], [[1]]], np.float32)
+        first = _FINE * (self._border + 0.5) - 0.5
+        return np.array([_FINE * u + first, v + self._border], np.float32)
 
     def at(self, u: NDArray, v: NDArray) -> Image:
         """Light, 0 to 1, at a list of projector pixels of shape (n,), shape (3, n)."""
@@ -157,19 +148,20 @@ def drift_of(
     Returns
     -------
     ndarray, shape (4, height, width)
-        x and y on the panel, metres; projector pixel u, v.
+        Of the index into the light (column, row); of x and y on the panel, metres.
     """
     grid = pixel_grid(rig.camera)
     nodes = grid.node_rays.reshape(-1, 1, 3)
-    drift = np.zeros((4, *grid.shape), np.float32)
+    drift = np.zeros((4, *view.tone.shape), np.float32)
     for index, panel in enumerate(surface.panels):
         begin, end = (
             np.stack(sight(rig, panel.bare, motion.rays(nodes, [moment]), photometry)[1:5])
             for moment in (-0.5, 0.5)
         )
-        change = np.nan_to_num(end - begin).reshape(4, *grid.node_rays.shape[:2])
+        change = np.nan_to_num(end - begin)[[2, 3, 0, 1]].reshape(4, *grid.node_rays.shape[:2])
         for target, values in zip(drift, change.astype(np.float32), strict=True):
             np.copyto(target, grid.interpolated(values), where=view.tone // 2 == index)
+    drift[0] *= _FINE
     return drift
 
 
@@ -258,19 +250,14 @@ class Renderer:
         sweep = image_sweep(self.rig, surface, motion)
         # On the panel in float32: to a thousandth of a pixel.
         skin = np.stack([view.x, view.y]).astype(np.float32)
-        place = self._light.index(view.u, view.v)
-        slopes = [[np.gradient(each, axis=axis) for axis in (2, 1)] for each in (place, skin)]
-        if motion:
-            drift = drift_of(self.rig, surface, view, motion, self.photometry)
-            slopes[0].append(self._light.index_change(drift[2:]))
-            slopes[1].append(drift[:2])
+        place = np.concatenate([self._light.index(view.u, view.v), skin])
+        slopes = [np.gradient(place, axis=axis) for axis in (2, 1)]
+        if sweep:
+            slopes.append(drift_of(self.rig, surface, view, motion, self.photometry))
         if any(panel.paint.marks or panel.sunlight for panel in surface.panels):
-            lit, ambient = self._marked_skin(surface, view, (place, skin), slopes)
+            lit, ambient = self._marked_skin(surface, view, place, slopes)
         else:
-            # Longest way of the image, pixels, over which one set of points integrates a moving
-            # fringe.
-            points = cubature(len(slopes[0]), math.ceil(sweep / 2.0))
-            lit, ambient = self._even_skin(surface, view, points, place, slopes[0])
+            lit, ambient = self._even_skin(surface, view, place, slopes, sweep)
         for pixels in broken_pixels(self.rig, surface, view, sweep):
             at = (slice(None), *np.divmod(pixels, view.u.shape[1]))
             lit[at], ambient[at] = self._broken_skin(surface, motion, pixels, rng)
@@ -282,17 +269,15 @@ class Renderer:
         return lit
 
     def _even_skin(
-        self,
-        surface: Surface,
-        view: View,
-        points: NDArray[np.float64],
-        place: Image,
-        slopes: list[Image],
+        self, surface: Surface, view: View, place: Image, slopes: list[Image], sweep: float
     ) -> tuple[Image, Image]:
         """Light off a skin without marks, which changes evenly over a pixel and the exposure."""
+        # One set of points integrates a fringe that moves over two pixels.
+        points = cubature(len(slopes), math.ceil(sweep / 2.0))
+        slopes = [slope[:2] for slope in slopes]
         total = np.zeros((*view.u.shape, 4), np.float32)
         for point in points:
-            cv2.accumulate(self._light.sample(*moved(place, slopes, point)), total)
+            cv2.accumulate(self._light.sample(*moved(place[:2], slopes, point)), total)
         lit = colours(total, self._light.unit / np.float32(len(points)))
         ambient: Image = np.stack([cv2.LUT(view.tone, tone) for tone in albedo_table(surface)])
         ambient *= view.clean
@@ -302,34 +287,29 @@ class Renderer:
         return lit, ambient
 
     def _marked_skin(
-        self,
-        surface: Surface,
-        view: View,
-        places: tuple[Image, Image],
-        slopes: list[list[Image]],
+        self, surface: Surface, view: View, place: Image, slopes: list[Image]
     ) -> tuple[Image, Image]:
         """Light off a skin whose marks may end anywhere within a pixel."""
-        place, skin = places
 
         def smooth_at(at: Image) -> Image:
             # Dirt is grey.
-            return paint_on(surface, view.tone, at[0], at[1], (True,))[0]
+            return paint_on(surface, view.tone, at[2], at[3], (True,))[0]
 
-        smooth = smooth_at(skin)
+        smooth = smooth_at(place)
         smooth_slopes = [np.gradient(smooth, axis=1), np.gradient(smooth, axis=0)]
-        smooth_slopes += [smooth_at(skin + d / 2) - smooth_at(skin - d / 2) for d in slopes[1][2:]]
+        smooth_slopes += [smooth_at(place + d / 2) - smooth_at(place - d / 2) for d in slopes[2:]]
         plain = np.zeros((*view.u.shape, 4), np.float32)
         diffuse = np.zeros((3, *view.u.shape), np.float32)
         ambient = np.zeros_like(diffuse)
         level = np.float32(self.photometry.ambient)
-        for point in self._points[:, : len(smooth_slopes)]:
-            sample = self._light.sample(*moved(place, slopes[0], point))
-            here = moved(skin, slopes[1], point)
-            paint = paint_on(surface, view.tone, here[0], here[1], (False,))
+        for point in self._points[:, : len(slopes)]:
+            column, row, x, y = moved(place, slopes, point)
+            sample = self._light.sample(column, row)
+            paint = paint_on(surface, view.tone, x, y, (False,))
             paint *= moved(smooth, smooth_slopes, point)
             cv2.accumulate(sample, plain)
             diffuse += np.moveaxis(sample, -1, 0)[:3] * paint
-            ambient += (sun_on(surface, view.tone, here[0], here[1]) + level) * paint
+            ambient += (sun_on(surface, view.tone, x, y) + level) * paint
         diffuse *= self._light.unit / np.float32(len(self._points))
         ambient /= len(self._points)
         lit = colours(plain, self._light.unit / np.float32(len(self._points)))

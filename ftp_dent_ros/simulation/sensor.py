@@ -170,8 +170,7 @@ def _digitised(
     np.clip(level, 0, 255, out=level)
     if photometry.camera_gamma != 1:
         level = 255 * (level / 255) ** (1 / photometry.camera_gamma)
-    if white != 255:
-        level *= np.float32(white / 255)
+    level *= np.float32(white / 255)
     return np.rint(level, out=level).astype(np.uint8 if white == 255 else np.uint16)
 
 

@@ -5,26 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftp_dent_ros.fields import Checked, NotNegative, Positive, Quadruple
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.simulation.dents import Dent, Feature, Rivet, within
+from ftp_dent_ros.simulation.dents import Dent, Feature, Field, Rivet, within
 from ftp_dent_ros.simulation.paint import Paint, Sunlight
-
-Field = NDArray[np.float64]
-Height = Callable[[Field, Field], tuple[Field, Field, Field]]
+from ftp_dent_ros.simulation.sensor import Image
 
 # The part of a cylinder's radius that a panel may reach sideways.
 _WIDEST = 0.9
 _ITERATIONS = 12
 _CONVERGED = 1e-11
-
-# float32, for which OpenCV's annotations are too wide.
-Image = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -129,9 +123,12 @@ class Panel(Checked):
         return replace(self, dents=(), rivets=())
 
     def near(self, x: Field, y: Field, margin: float = 0.0) -> Panel:
-        """The same panel with only those features that may touch the box around (x, y)."""
-        low_x, high_x = x.min(initial=np.inf) - margin, x.max(initial=-np.inf) + margin
-        low_y, high_y = y.min(initial=np.inf) - margin, y.max(initial=-np.inf) + margin
+        """The same panel with only those features that may touch the box around (x, y).
+
+        Places that are NaN are nowhere.
+        """
+        low_x, low_y = (np.fmin.reduce(each, initial=np.inf) - margin for each in (x, y))
+        high_x, high_y = (np.fmax.reduce(each, initial=-np.inf) + margin for each in (x, y))
 
         def touches(feature: Feature) -> bool:
             half = feature.reach + 3 * feature.rise
@@ -223,8 +220,7 @@ class Panel(Checked):
         Where a ray grazes a feature, twelve Newton steps are the best guess.
         """
         scale, x, y = self.hit_bare(origin, rays)
-        hit = np.isfinite(scale)
-        panel = self.near(x[hit], y[hit])
+        panel = self.near(x, y)
         # A hit moves sideways by the depth times the ray's slope, which is 3 at 70 degrees.
         near = np.flatnonzero(panel.covered(x, y, 3 * panel.rise))
         if len(near):
@@ -250,7 +246,12 @@ class Panel(Checked):
                 yield feature, at
 
 
-def _moved_onto(height: Height, start: Field, along: Field, scale: Field) -> Field:
+def _moved_onto(
+    height: Callable[[Field, Field], tuple[Field, Field, Field]],
+    start: Field,
+    along: Field,
+    scale: Field,
+) -> Field:
     """Move hits at ``start + scale * along``, near a height field, onto it by Newton's steps."""
     for _ in range(_ITERATIONS):
         x, y, z = start + scale * along
@@ -340,12 +341,11 @@ class Surface:
         """
         rays = np.asarray(rays, float)
         flat = rays.reshape(-1, 3)
-        nearest = np.full(len(flat), np.inf)
+        met = []
         for panel in self.panels:
             _, (scale, x, y) = panel.hit(np.zeros(3), flat)
-            nearest = np.fmin(nearest, np.where(panel.contains(x, y), scale, np.inf))
-        nearest[np.isinf(nearest)] = np.nan
-        return nearest.reshape(rays.shape[:-1])
+            met.append(np.where(panel.contains(x, y), scale, np.nan))
+        return np.fmin.reduce(met).reshape(rays.shape[:-1])
 
     def distance(self, points: ArrayLike) -> NDArray[np.float64]:
         """Signed distance to the closest point of the surface, metres.

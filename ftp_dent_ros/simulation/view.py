@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -14,12 +14,10 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.rig.rig import Lens, Rig
-from ftp_dent_ros.simulation.dents import Feature, within
+from ftp_dent_ros.simulation.dents import Feature, Field, within
 from ftp_dent_ros.simulation.paint import dot
 from ftp_dent_ros.simulation.sensor import Photometry
 from ftp_dent_ros.simulation.surface import Panel, Surface
-
-Field = NDArray[np.float64]
 
 # A shadow's caster is at least this much nearer to the projector, as a part of the distance.
 _CLEAR = 1e-5
@@ -32,7 +30,6 @@ _NOWHERE = -1000.0
 _AROUND = 4
 # Motion during an exposure brings nothing into view from farther than this, metres.
 _OUT_OF_VIEW = 0.05
-_EYE = np.zeros(3)
 
 Window = tuple[slice, slice]
 
@@ -76,9 +73,6 @@ class CameraMotion:
     rotation: Field = field(default_factory=lambda: np.zeros(3))
     translation: Field = field(default_factory=lambda: np.zeros(3))
 
-    def __bool__(self) -> bool:
-        return bool(self.rotation.any() or self.translation.any())
-
     def rays(self, directions: Field, moments: ArrayLike) -> Rays:
         """Rays at moments of the exposure, with the motion of the surface undone.
 
@@ -104,6 +98,8 @@ class PixelGrid:
     Attributes
     ----------
     rays : ndarray, shape (height, width, 3)
+    slopes : ndarray, shape (2, height, width, 3)
+        Change of the rays from column to column and from row to row.
     node_rays : ndarray, shape (n, m, 3)
     rows, columns : scipy.sparse.csr_matrix, shape (height, n) and (width, m)
         ``rows @ nodes @ columns.T`` is the values at every pixel.
@@ -112,15 +108,11 @@ class PixelGrid:
     """
 
     rays: NDArray[np.float64]
+    slopes: NDArray[np.float64]
     node_rays: NDArray[np.float64]
     rows: csr_matrix
     columns: csr_matrix
     vignette: NDArray[np.float32]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width, pixels."""
-        return self.rays.shape[0], self.rays.shape[1]
 
     def interpolated(self, nodes: NDArray) -> NDArray:
         """Values at every pixel, shape (height, width), of values at the nodes."""
@@ -142,14 +134,9 @@ class PixelGrid:
         -------
         ndarray, shape (n, m, 3)
         """
-        at = np.divmod(pixels, self.shape[1])
-        across, down = (slope[at][:, None] for slope in self._slopes)
+        at = np.divmod(pixels, self.rays.shape[1])
+        across, down = (slope[at][:, None] for slope in self.slopes)
         return self.rays[at][:, None] + across * along_u[:, None] + down * along_v[:, None]
-
-    @cached_property
-    def _slopes(self) -> list[NDArray[np.float64]]:
-        """Change of the rays from column to column and from row to row."""
-        return [np.gradient(self.rays, axis=axis) for axis in (1, 0)]
 
 
 @lru_cache(maxsize=4)
@@ -159,8 +146,9 @@ def pixel_grid(lens: Lens) -> PixelGrid:
     v, rows = _interpolation(lens.height, lens.camera_matrix[1, 1])
     node_rays = lens.rays(np.stack(np.meshgrid(u, v), axis=-1))
     rays = np.stack([rows @ node_rays[..., i] @ columns.T for i in range(3)], axis=-1)
+    slopes = np.stack([np.gradient(rays, axis=axis) for axis in (1, 0)])
     vignette = 1 / np.sum(rays * rays, axis=-1) ** 2
-    return PixelGrid(rays, node_rays, rows, columns, vignette.astype(np.float32))
+    return PixelGrid(rays, slopes, node_rays, rows, columns, vignette.astype(np.float32))
 
 
 def _interpolation(size: int, focal: float) -> tuple[NDArray[np.float64], csr_matrix]:
@@ -222,11 +210,9 @@ Sight = tuple[NDArray, ...]
 
 def albedo_table(surface: Surface) -> NDArray[np.float32]:
     """Albedo of every tone that a view can have, shape (3, 256)."""
-    table = np.zeros((3, 256), np.float32)
-    for index, panel in enumerate(surface.panels):
-        table[:, 2 * index] = panel.paint.albedo
-        table[:, 2 * index + 1] = panel.paint.albedo_beyond
-    return table
+    paints = [panel.paint for panel in surface.panels]
+    tones = [tone for paint in paints for tone in (paint.albedo, paint.albedo_beyond)]
+    return np.pad(np.array(tones, np.float32).T, ((0, 0), (0, 256 - len(tones))))
 
 
 def look(rig: Rig, surface: Surface, rays: Rays, photometry: Photometry) -> View:
@@ -326,12 +312,9 @@ def _shadowed(
 def visible_part(rig: Rig, surface: Surface) -> Surface:
     """The surface with only those dents and rivets that the camera may see."""
     rays = pixel_grid(rig.camera).node_rays.reshape(-1, 3)
-    panels = []
-    for panel in surface.panels:
-        scale, x, y = panel.hit_bare(_EYE, rays)
-        hit = np.isfinite(scale)
-        panels.append(panel.near(x[hit], y[hit], _OUT_OF_VIEW))
-    return Surface(tuple(panels))
+    hits = [panel.hit_bare(np.zeros(3), rays) for panel in surface.panels]
+    pairs = zip(surface.panels, hits, strict=True)
+    return Surface(tuple(panel.near(x, y, _OUT_OF_VIEW) for panel, (_, x, y) in pairs))
 
 
 def see(rig: Rig, surface: Surface, photometry: Photometry) -> View:
@@ -357,7 +340,7 @@ def broken_pixels(rig: Rig, surface: Surface, view: View, sweep: float) -> list[
     grid = pixel_grid(rig.camera)
     reach = 1 + math.ceil(sweep / 2)
     square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    border = np.zeros(grid.shape, bool)
+    border = np.zeros(view.tone.shape, bool)
     for label in (view.tone, view.shadow.view(np.uint8)):
         if label.min() != label.max():
             border |= cv2.dilate(label, square) != cv2.erode(label, square)
@@ -375,7 +358,7 @@ def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> S
     coarse = sight(rig, panel.bare, still(grid.node_rays.reshape(-1, 3)), photometry)
     missing = ~np.isfinite(sum(coarse)).reshape(grid.node_rays.shape[:2])
     if missing.all():
-        return tuple(np.full(grid.shape, np.nan) for _ in coarse)
+        return tuple(np.full(grid.vignette.shape, np.nan) for _ in coarse)
     dense = [
         grid.interpolated(
             np.nan_to_num(values, posinf=0, neginf=0)
@@ -385,7 +368,7 @@ def _sight(grid: PixelGrid, rig: Rig, panel: Panel, photometry: Photometry) -> S
         )
         for name, values in zip(View._fields, coarse[:-1], strict=False)
     ]
-    dense.append(np.ones(grid.shape, np.float32))
+    dense.append(np.ones_like(grid.vignette))
     patches: list[Window | NDArray[np.bool_]] = []
     if missing.any():
         patches.append(abs(grid.rows) @ missing @ abs(grid.columns).T > 0)
@@ -420,7 +403,8 @@ def _on_fitting(
     """Flat indices of the pixels within `reach` pixels of what is sharp on a fitting."""
     window = _window(lens, panel, fitting)
     rays = grid.rays[window]
-    _, x, y = (part.reshape(rays.shape[:2]) for part in panel.hit_bare(_EYE, rays.reshape(-1, 3)))
+    hits = panel.hit_bare(np.zeros(3), rays.reshape(-1, 3))
+    _, x, y = (part.reshape(rays.shape[:2]) for part in hits)
     steps = (np.hypot(np.diff(x, axis=i), np.diff(y, axis=i)) for i in (0, 1))
     pixel = max(step.max(initial=0.0) for step in steps)
     rows, columns = np.nonzero(within(fitting, fitting.sharp + reach * pixel, x, y))

@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
+from ftp_dent_ros.cloud.seen import SeenCloud
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.errors import BagError, CloudError
-from ftp_dent_ros.inspection.bag import seen_cloud
 from ftp_dent_ros.inspection.inspecting import CloudInspector, Inspected, inspected
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.report import InspectionReport
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.clouds import BagCloud, bag_clouds, coverages_of
+from ftp_dent_ros.recording.clouds import bag_clouds, coverages_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.survey.footprint import unrolled
@@ -291,7 +291,7 @@ class FusedSkin:
             self._fusion.add(item.cloud, pose)
             progress()
 
-    def _clouds(self, photographs: bool) -> Iterator[tuple[BagCloud, Pose]]:
+    def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose]]:
         """The clouds that were joined, each the first time that it comes, and their poses."""
         numbers = dict(self._joined.numbers)
         for bag in self._bags:
@@ -302,7 +302,7 @@ class FusedSkin:
 
     def inspected(
         self, settings: SmallestDent, photographs: bool = True
-    ) -> Iterator[tuple[BagCloud, Inspected]]:
+    ) -> Iterator[tuple[SeenCloud, Inspected]]:
         """Each cloud, its points those of all clouds, and its dents; the picture is drawn with it.
 
         Poses are those seen from the middle cloud. Depths are as uncertain as what all clouds may
@@ -366,7 +366,7 @@ def report_on_skin(
     ----------
     bag : Bag
     rig, camera, rules, settings
-        As `ftp_dent_ros.inspection.bag.survey_bag` has them.
+        As `ftp_dent_ros.inspection.inspecting.survey_bag` has them.
     progress : callable
         Called after each cloud, three times for each.
 
@@ -382,8 +382,9 @@ def report_on_skin(
     inspector = CloudInspector(inspect, len(joined.poses), settings=settings)
     covered = coverages_of(bag)
     for item, outcome in skin.inspected(settings or SmallestDent()):
-        inspector.take(seen_cloud(item, covered), outcome)
-    report = inspector.report(str(bag.path), joined.frame_id, rig, camera, rules)
+        coverage = covered.get(item.stamp_ns)
+        inspector.take(replace(item, frame_id=joined.frame_id, coverage=coverage), outcome)
+    report = inspector.report(str(bag.path), rig, camera, rules)
     # With what all places have in common: the error of the autopilot's poses.
     frames = tuple(
         replace(each, covariance=joined.covariances[joined.numbers[each.stamp_ns or 0]])

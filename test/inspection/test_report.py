@@ -14,10 +14,11 @@ from dent_samples import TrueInspector
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.seen import SeenCloud
 from ftp_dent_ros.dents.dent import Inspection
 from ftp_dent_ros.dents.rules import Limit, Rules
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud
+from ftp_dent_ros.inspection.inspecting import CloudInspector
 from ftp_dent_ros.inspection.page import (
     facts_of,
     on_grid,
@@ -55,7 +56,7 @@ def survey(surface=SKIN, frames=1, **captured):
 
 @pytest.fixture(scope='module')
 def report():
-    return survey().report('a <photo>.png', 'camera_optical_frame', ('rig.yaml', 'abc'), CAMERA)
+    return survey().report('a <photo>.png', ('rig.yaml', 'abc'), CAMERA)
 
 
 def test_the_data_hold_what_an_inspector_asks_for(tmp_path, report):
@@ -93,13 +94,13 @@ def test_the_page_needs_nothing_but_itself(tmp_path, report):
 
 def test_a_report_without_dents_says_so(tmp_path):
     flat = Surface((replace(SKIN.panels[0], dents=()),))
-    page = write_report(tmp_path, survey(flat).report('x', 'camera_optical_frame'))
+    page = write_report(tmp_path, survey(flat).report('x'))
     text = page.read_text()
     assert 'No dents found' in text and 'dents of 0.1 mm depth and 10 mm width' in text
     assert json.loads((tmp_path / 'dents.json').read_text())['dents'] == []
     header = (tmp_path / 'dents.csv').read_text().splitlines()
     assert len(header) == 1
-    write_report(tmp_path / 'other', survey().report('x', 'camera_optical_frame'))
+    write_report(tmp_path / 'other', survey().report('x'))
     assert (tmp_path / 'other/dents.csv').read_text().splitlines()[0] == header[0]
 
 
@@ -112,7 +113,7 @@ def test_a_cloud_with_nothing_measured_is_still_a_report(tmp_path):
     clouds = CloudInspector(inspect)
     empty = Cloud(np.full((20, 30, 3), np.nan, np.float32), np.zeros((20, 30), np.float32))
     clouds.add(SeenCloud('empty', empty))
-    report = clouds.report('x', 'y')
+    report = clouds.report('x')
     assert len(report.frames) == 1 and report.refused == ()
     assert 'No dents' in write_report(tmp_path, report).read_text()
 
@@ -134,7 +135,7 @@ def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path
     pose = Pose.from_rpy((0, 0, 0), (1, 2, 3))
     covariance = np.diag([1e-4] * 3 + [1e-6] * 3)
     clouds = survey(frames=4, pose=pose, vehicle=pose, covariance=covariance)
-    report = clouds.report('flight', 'map', camera=CAMERA)
+    report = clouds.report('flight', camera=CAMERA)
     assert [len(entry.sightings) for entry in report.dents] == [4, 4]
     assert sum(frame.view is not None for frame in report.frames) == 1
     np.testing.assert_allclose(report.dents[0].dent.position, [1, 2, 3.6], atol=1e-6)
@@ -152,7 +153,7 @@ def test_outlines_are_drawn_where_the_camera_sees_them(stride):
     pose = Pose.from_rpy((0.3, -0.2, 1.0), (5, 6, 7))
     photograph = np.zeros((120, 160, 3), np.uint8)
     clouds.add(SeenCloud('x', cloud_of(SKIN, stride), pose=pose, photograph=photograph))
-    report = clouds.report('x', 'map')
+    report = clouds.report('x')
     view = report.frames[0].view
     outline = report.dents[0].dent.outline
     place = on_grid(outline, view)

@@ -4,7 +4,8 @@ import pytest
 from chromium import Chromium
 from dent_samples import DENTED, TrueInspector, noisy_cloud
 
-from ftp_dent_ros.inspection.inspecting import CloudInspector, SeenCloud
+from ftp_dent_ros.cloud.seen import SeenCloud
+from ftp_dent_ros.inspection.inspecting import CloudInspector
 from ftp_dent_ros.inspection.page import write_report
 
 # Counts what was drawn: grey skin is not counted as red, coloured dents are.
@@ -38,7 +39,7 @@ def browser(tmp_path):
 def test_the_skin_and_its_dents_are_drawn(tmp_path, browser):
     survey = CloudInspector(TrueInspector(DENTED))
     survey.add(SeenCloud('cloud', noisy_cloud()))
-    page = write_report(tmp_path, survey.report('cloud.ply', 'camera_optical_frame'))
+    page = write_report(tmp_path, survey.report('cloud.ply'))
     browser.open(page.as_uri())
 
     if browser.until(f"document.readyState === 'complete' && {READY}") == 'dead':

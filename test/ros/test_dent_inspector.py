@@ -23,7 +23,7 @@ from visualization_msgs.msg import MarkerArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.messages import dents_from_message
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
-from ftp_dent_ros.inspection.bag import survey_bag
+from ftp_dent_ros.inspection.inspecting import survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import dent_record
 from ftp_dent_ros.pages.words import finite

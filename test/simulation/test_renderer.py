@@ -175,6 +175,12 @@ def test_gloss_is_brightest_where_the_mirror_is(rig, noiseless):
     assert gain.min() >= 0
 
 
+def test_a_view_of_nothing_is_black_also_while_it_moves(rig, pattern, noiseless):
+    aside = flat().transformed(Pose.from_rpy((0, 0, 0), (5, 0, 0)))
+    motion = CameraMotion(translation=np.array([0.001, 0, 0]))
+    assert not Renderer(rig, pattern.draw(), noiseless).signal(aside, motion=motion).any()
+
+
 def test_an_image_that_is_not_the_projectors_is_refused(rig, pattern):
     for image in (pattern.draw()[:-1], pattern.draw()[..., 0], pattern.draw().astype(float)):
         with pytest.raises(ImageError, match='projected image'):
