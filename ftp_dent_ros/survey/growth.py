@@ -91,15 +91,13 @@ def changes_of(
     """
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
     changes: list[dict[str, Change]] = [{} for _ in earlier]
-    factors = {}
+    factors, unknown = {}, np.full((len(earlier), 4), math.nan)
     for quantity, chance in _FALSE_ALARM.items():
         before, after = (
             np.array([[abs(e.value), e.uncertainty] for e in (getattr(d, quantity) for d in each)])
             for each in (earlier, later)
         )
-        given = np.reshape(deeper, (-1, 4))
-        if quantity != 'depth':
-            given = np.full_like(given, np.nan)
+        given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 4))
         factors[quantity], found = _changes(chance, before, after, given, usable)
         for index, change in found.items():
             changes[index][quantity] = change

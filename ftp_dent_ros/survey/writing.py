@@ -89,7 +89,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
         'software': result.software,
         'rig': result.rig_id,
         'pairs': dict(zip(('used', 'left_out'), joined.pairs, strict=True)),
-        'remarks': list(survey.remarks),
+        'remarks': joined.remarks,
         'poses': [
             {
                 'stamp_ns': stamp_ns,
@@ -98,7 +98,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
                 'covariance': covariance.ravel().tolist(),
             }
             for stamp_ns, pose, covariance in zip(
-                joined.joining.stamps_ns, joined.poses, joined.covariances, strict=True
+                joined.numbers, joined.graph.poses, joined.covariances, strict=True
             )
         ],
         'unrolled': {
@@ -174,7 +174,7 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
     """
     result = survey.result
     facts = [
-        ('Flown', f'{date_of(result.taken_ns)}, {len(survey.joined.poses)} clouds'),
+        ('Flown', f'{date_of(result.taken_ns)}, {len(survey.joined.numbers)} clouds'),
         ('Joined by', '{} pairs of clouds, {} left out'.format(*survey.joined.pairs)),
         ('Frame', result.frame_id),
         ('Rig', result.rig_id or 'not known'),
@@ -189,7 +189,7 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
         sources=result.sources,
         software=result.software,
         headline=f'{result.count} dents, {len(result.dents) - result.count} others',
-        skin=skin_of(survey.mosaic, result.dents, facts, survey.remarks),
+        skin=skin_of(survey.mosaic, result.dents, facts, survey.joined.remarks),
         dents=[_dent(each, survey, frame) for each in result.dents],
         frame=frame,
         places=json.dumps(finite(_places(survey))),
