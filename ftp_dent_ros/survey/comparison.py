@@ -158,8 +158,8 @@ def compare(
         found.append(ComparedDent(status, a, b, change, cut))
     for side, (dents, other) in enumerate(((before, later), (after, earlier))):
         paired = {pair[side] for pair in matching.pairs}
-        alone = [each for index, each in enumerate(dents) if index not in paired]
-        found += [_alone(each, other, matching, is_gone=not side) for each in alone]
+        alone = [dent for index, dent in enumerate(dents) if index not in paired]
+        found += [_alone(dent, other, matching, is_gone=not side) for dent in alone]
     found = [
         each
         for each in found
@@ -175,19 +175,16 @@ def compare(
     )
     there = [each.later.dent for each in found if each.later]
     judged = iter(rules.judge(there) if rules else [()] * len(there))
-    dents = []
-    for each in found:
+    for index, each in enumerate(found):
         location, uncertainty = _located(each, matching, frame)
-        dents.append(
-            replace(
-                each,
-                location=location,
-                uncertainty=uncertainty,
-                first_seen=date_of((earlier if each.earlier else later).taken_ns),
-                findings=next(judged) if each.later else (),
-            )
+        found[index] = replace(
+            each,
+            location=location,
+            uncertainty=uncertainty,
+            first_seen=date_of((earlier if each.earlier else later).taken_ns),
+            findings=next(judged) if each.later else (),
         )
-    return Comparison(earlier, later, tuple(dents), matching, scales, frame, rules)
+    return Comparison(earlier, later, tuple(found), matching, scales, frame, rules)
 
 
 def _located(
@@ -334,7 +331,7 @@ def headline(dents: Sequence[ComparedDent]) -> str:
 
 def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     matching, frame = comparison.matching, comparison.frame
-    walk = math.sqrt(matching.forward.walk) * 1e3
+    walk = math.sqrt(matching.deformation.walk) * 1e3
     scales = ', '.join(
         f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
         for quantity, each in comparison.scales.items()

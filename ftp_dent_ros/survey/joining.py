@@ -14,8 +14,7 @@ from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
-from ftp_dent_ros.survey.pose_graph import PoseGraph
-from ftp_dent_ros.survey.pose_terms import JITTER, Node, share_kept
+from ftp_dent_ros.survey.pose_graph import JITTER, Node, PoseGraph, share_kept
 from ftp_dent_ros.survey.registration import UnlikePairError, register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
@@ -212,16 +211,22 @@ class Joining:
     def _closures(self, number: int) -> list[int]:
         """Of other passes that show the same skin, the nearest cloud of each."""
         others = [each for each in self._kept if self._are_passes(each, number)]
-        if not others or self._is_same_skin(number):
+        last, poses = self._last_closed, self.graph.poses
+        if last >= 0 and not self._are_passes(last, number):
+            apart = np.linalg.norm(poses[last].translation - poses[number].translation)
+            # Pairs on the same skin err alike: this part of a patch from the last that was laid
+            # on another pass, one tells hardly more.
+            others = others if apart >= 0.5 * self._sizes[number] else []
+        if not others:
             return []
         both = [*others, number]
         sizes = np.array([self._sizes[each] for each in both])
         middles = self._middles(both)
-        apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
+        far = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
         # No farther apart than this part of both patches' sizes.
-        near = np.flatnonzero(apart < 0.6 * (sizes[:-1] + sizes[-1]))
+        near = np.flatnonzero(far < 0.6 * (sizes[:-1] + sizes[-1]))
         chosen: list[int] = []
-        for index in near[np.argsort(apart[near], kind='stable')]:
+        for index in near[np.argsort(far[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
         return chosen[:2]
@@ -233,16 +238,6 @@ class Joining:
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes
         return abs(one - other) >= 8 or nodes[one].flight != nodes[other].flight
-
-    def _is_same_skin(self, number: int) -> bool:
-        """Whether another pass shows hardly more than the last that was laid on another."""
-        last, poses = self._last_closed, self.graph.poses
-        if last < 0 or self._are_passes(last, number):
-            return False
-        apart = np.linalg.norm(poses[last].translation - poses[number].translation)
-        # Pairs on the same skin err alike: this part of a patch from the last that was laid on
-        # another.
-        return bool(apart < 0.5 * self._sizes[number])
 
     def _about(self, first: int, second: int, what: str) -> str:
         a, b = (self.graph.nodes[number].seconds for number in (first, second))

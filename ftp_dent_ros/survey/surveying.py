@@ -278,7 +278,7 @@ class FusedSkin:
                     tuple(self._doubted(dent, pose) for dent in part)
                     for part in (found.dents, found.others)
                 )
-                outcome = replace(outcome, found=replace(found, dents=dents, others=others))
+                outcome = Inspected(replace(found, dents=dents, others=others))
             yield placed, outcome
             self._progress()
 
@@ -348,10 +348,6 @@ def report_on_skin(
         replace(each, position_covariance=_spread(joined, numbers[each.best - 1], each.dent))
         for each in report.entries
     )
-    dents = [
-        SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
-        for each in entries
-    ]
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
-    shown = skin_of(skin.mosaic, dents, facts, joined.remarks)
+    shown = skin_of(skin.mosaic, entries, facts, joined.remarks)
     return replace(report, frames=tuple(frames), entries=entries, skin=shown), joined
