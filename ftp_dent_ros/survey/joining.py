@@ -80,7 +80,7 @@ class Joining:
         """
         patch = patch_of(cloud)
         self.without_skin += patch.light is None
-        number = len(self.numbers)
+        number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
         told = (guess, None) if pose is None else (pose, covariance)
         self.graph.add(Node(*told, stamp_ns / 1e9, flight), guess)
