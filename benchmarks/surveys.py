@@ -277,7 +277,7 @@ def _survey(
     grid = grid[np.abs(grid[:, 0] - missed) > 0.05]
     cells = pose.apply(_on_fuselage(grid)[0] + walk(grid)).astype(np.float32)
     findable = np.full(len(cells), FINDABLE, np.float32)
-    coverage = CoverageCells(CELL, cells, findable, np.full(len(cells), 3))
+    coverage = CoverageCells(CELL, cells, findable)
     return SurveyResult(name, (), 0, 'map', tuple(dents), coverage=coverage)
 
 

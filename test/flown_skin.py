@@ -32,7 +32,6 @@ class FlownSkin:
     seed: int
     marked: tuple[float, float] = (-9.0, 9.0)
     dents: tuple[tuple[float, float, float, float], ...] = ()
-    bare: bool = False
     pitch: float | None = None
     paint: NDArray[np.float64] = field(init=False)
 

@@ -60,10 +60,4 @@ def cells(pose, gaps, size=0.01):
     for gap in gaps:
         grid = grid[np.linalg.norm(grid - gap, axis=1) > 0.02]
     positions = pose.apply(np.column_stack([grid, np.zeros(len(grid))])).astype(np.float32)
-    ones = np.ones(len(grid))
-    return CoverageCells(
-        size,
-        positions,
-        (1e-4 * ones).astype(np.float32),
-        3 * ones.astype(int),
-    )
+    return CoverageCells(size, positions, np.full(len(grid), 1e-4, np.float32))

@@ -148,7 +148,9 @@ def _inspect(
         report, joined = report_on_skin(bag, named, camera, progress=bar.update)
     write_report(folder, replace(report, source='flight of the demonstration'))
     skin, moves = appraise_skin(bag, joined, world)
-    poses = {stamp: move @ joined.poses[joined.numbers[stamp]] for stamp, move in moves.items()}
+    poses = {
+        stamp: move @ joined.graph.poses[joined.numbers[stamp]] for stamp, move in moves.items()
+    }
     return appraise_dents(bag, report, world, camera, moves), skin, poses
 
 

@@ -68,12 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
     files = write_survey(arguments.output, survey, frame)
     if store:
         store.add(result)
-    used, left_out = survey.joined.pairs
-    print(f'{len(survey.joined.poses)} clouds, joined by {used} pairs; {left_out} left out')
-    for text in survey.remarks[:_REMARKS]:
+    (used, left_out), remarks = survey.joined.pairs, survey.joined.remarks
+    print(f'{len(survey.joined.numbers)} clouds, joined by {used} pairs; {left_out} left out')
+    for text in remarks[:_REMARKS]:
         print(f'  {text}')
-    if len(survey.remarks) > _REMARKS:
-        print(f'  and {len(survey.remarks) - _REMARKS} more remarks in survey.json')
+    if len(remarks) > _REMARKS:
+        print(f'  and {len(remarks) - _REMARKS} more remarks in survey.json')
     dents = [each for each in result.dents if each.dent.kind == 'dent']
     print(f'{len(dents)} dents, {len(result.dents) - len(dents)} others')
     for each in dents:

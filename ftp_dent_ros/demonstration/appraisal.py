@@ -23,7 +23,7 @@ from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.ros.messages import cloud_from_message, stamp_to_ns
 from ftp_dent_ros.simulation.truth import TrueDent, true_dents, true_index
 from ftp_dent_ros.simulation.world import World
-from ftp_dent_ros.survey.surveying import JoinedClouds
+from ftp_dent_ros.survey.joining import Joining
 
 TYPES = {
     '/camera/image_raw': Image,
@@ -115,13 +115,13 @@ def _content(message: Message) -> Any:
     return deserialize_message(message.data, TYPES[message.topic])
 
 
-def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures, dict[int, Pose]]:
+def appraise_skin(bag: Bag, joined: Joining, world: World) -> tuple[Figures, dict[int, Pose]]:
     """Compare the skin that a bag's clouds make by the survey's poses with the true one.
 
     Parameters
     ----------
     bag : Bag
-    joined : JoinedClouds
+    joined : Joining
         Its clouds.
     world : World
         In which it was recorded.
@@ -136,14 +136,14 @@ def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures
         The moves that put each part onto the true skin, by the stamps of its clouds.
     """
     parts: dict[int, list[tuple[int, NDArray, NDArray]]] = {}
-    groups = joined.joining.graph.groups()
+    groups = joined.graph.groups()
     clouds = {stamp: cloud for stamp, cloud in clouds_of(bag) if stamp in joined.numbers}
     for stamp, cloud in clouds.items():
         number = joined.numbers[stamp]
         # Some hundred points a cloud.
         few = cloud.points[::30, ::30].astype(float)
         few = few[np.isfinite(few).all(axis=-1)]
-        found, true = joined.poses[number].apply(few), world.camera_pose(stamp).apply(few)
+        found, true = joined.graph.poses[number].apply(few), world.camera_pose(stamp).apply(few)
         parts.setdefault(groups[number], []).append((stamp, found, true))
     moves: dict[int, Pose] = {}
     for part in parts.values():
@@ -154,7 +154,7 @@ def appraise_skin(bag: Bag, joined: JoinedClouds, world: World) -> tuple[Figures
         moves |= {stamp: move for stamp, *_ in part}
     errors = []
     for stamp, cloud in clouds.items():
-        placed = cloud.transformed(moves[stamp] @ joined.poses[joined.numbers[stamp]])
+        placed = cloud.transformed(moves[stamp] @ joined.graph.poses[joined.numbers[stamp]])
         errors.append(mean_absolute(world.surface.distance(placed.points[::_EVERY, ::_EVERY])))
     figures = {
         'skin_mae_mm': float(np.mean(errors)),

@@ -56,7 +56,11 @@ class DentList:
     @property
     def entries(self) -> tuple[ListedDent, ...]:
         """All that was found on the skin, with the clearances of this list."""
-        known = sorted(without_parts(self._entries), key=lambda entry: entry.number)
+        known = [
+            each
+            for each in sorted(self._entries, key=lambda entry: entry.number)
+            if not (each.dent.is_cut and any(_is_part(each, other) for other in self._entries))
+        ]
         shifts = {entry.group: self._shift(entry.group) for entry in known}
         dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
         return tuple(
@@ -340,21 +344,12 @@ def _free(places: NDArray[np.float64]) -> NDArray[np.float64]:
     return cKDTree(places).query(places, k=2)[0][:, 1]
 
 
-def without_parts(entries: Sequence[ListedDent]) -> list[ListedDent]:
-    """Entries but for those that lie in a dent which more clouds show whole than show them.
+def _is_part(each: ListedDent, other: ListedDent) -> bool:
+    """Whether an entry that no cloud shows whole lies in one that more clouds show whole.
 
     A cloud at the rim of which a dent lies may take it for two that overlap. Each cloud's dents
     are other dents in the list, so that the second of them would be one too.
     """
-    return [
-        each
-        for each in entries
-        if not (each.dent.is_cut and any(_is_part(each, other) for other in entries))
-    ]
-
-
-def _is_part(each: ListedDent, other: ListedDent) -> bool:
-    """Whether an entry that no cloud shows whole lies in another one."""
     dent = other.dent
     whole = sum(not sighting.dent.is_cut for sighting in other.sightings)
     if (

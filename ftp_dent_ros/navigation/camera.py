@@ -76,7 +76,17 @@ class Camera:
         elif _asks(command, _INFORMATION, mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION):
             result, told = _ACCEPTED, [self.information(size, boot_ms)]
         elif _asks(command, _STATUS, mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS):
-            result, told = _ACCEPTED, [self._status(boot_ms)]
+            # Never busy, for a command of its own is a photograph each.
+            status = mavlink.MAVLink_camera_capture_status_message(
+                time_boot_ms=boot_ms % _BOOT_MS,
+                image_status=0,
+                video_status=0,
+                image_interval=0.0,
+                recording_time_ms=0,
+                available_capacity=0.0,
+                image_count=self._images,
+            )
+            result, told = _ACCEPTED, [status]
         elif is_ours:
             result = mavlink.MAV_RESULT_UNSUPPORTED
         else:
@@ -164,18 +174,6 @@ class Camera:
     def _result(self) -> int:
         """Take a photograph: a MAV_RESULT."""
         return _ACCEPTED if self._shoot() else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-
-    def _status(self, boot_ms: int) -> Any:
-        """CAMERA_CAPTURE_STATUS: never busy, for a command of its own is a photograph each."""
-        return mavlink.MAVLink_camera_capture_status_message(
-            time_boot_ms=boot_ms % _BOOT_MS,
-            image_status=0,
-            video_status=0,
-            image_interval=0.0,
-            recording_time_ms=0,
-            available_capacity=0.0,
-            image_count=self._images,
-        )
 
 
 def _asks(command: Any, message: int, old: int) -> bool:

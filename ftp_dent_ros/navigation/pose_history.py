@@ -73,7 +73,7 @@ class Track:
             seconds, last = (stamp - self.stamps[-1]) / 1e9, self.samples[-1]
             if seconds <= 0:
                 return
-            off = self.step(last.value, sample.value) - (last.rate + sample.rate) / 2 * seconds
+            off = self.step(sample.value, last.value) - (last.rate + sample.rate) / 2 * seconds
             most = self.jump + self.acceleration * seconds**2 / 4
             is_reset = sample.resets != last.resets or bool(np.linalg.norm(off) > most)
             sample = sample._replace(is_reset=is_reset)
@@ -132,17 +132,16 @@ class PoseHistory:
         self._maximum_gap = round(maximum_gap * 1e9)
         kept = round(duration * 1e9)
         self._attitudes = Track('attitude', kept, _turn, _ROTATION_JUMP, 10.0)
-        self._positions = Track('position', kept, _shift, _POSITION_JUMP, 20.0)
+        self._positions = Track('position', kept, np.subtract, _POSITION_JUMP, 20.0)
         # Spans of the time since boot that came twice.
         self._repeated = deque[tuple[int, int]](maxlen=8)
         self._given = 0
 
     def add(self, stamp: int, attitude: Sample | None, position: Sample | None) -> None:
         """Take what a message says of a moment."""
-        if attitude is not None:
-            self._attitudes.add(stamp, attitude)
-        if position is not None:
-            self._positions.add(stamp, position)
+        for track, sample in ((self._attitudes, attitude), (self._positions, position)):
+            if sample is not None:
+                track.add(stamp, sample)
 
     def repeat_from(self, stamp: int) -> None:
         """Give no pose of the times from a stamp on that may come twice."""
@@ -165,7 +164,7 @@ class PoseHistory:
         start, end, moving_gap, along = self._positions.around(stamp, self._maximum_gap)
         rotation = Rotation.from_quat(before.value)
         if weight:
-            rotation *= Rotation.from_rotvec(weight * _turn(before.value, after.value))
+            rotation *= Rotation.from_rotvec(weight * _turn(after.value, before.value))
         motion = Motion(
             velocity=(start if along <= 0.5 else end).rate,
             turn_rate=rotation.apply((before if weight <= 0.5 else after).rate),
@@ -198,12 +197,8 @@ class PoseHistory:
         return found
 
 
-def _shift(start: _Vector, end: _Vector) -> _Vector:
-    return end - start
-
-
-def _turn(start: _Vector, end: _Vector) -> _Vector:
-    """Rotation vector, in the body's frame, from one quaternion (x, y, z, w) to another."""
+def _turn(end: _Vector, start: _Vector) -> _Vector:
+    """Rotation vector, in the body's frame, to one quaternion (x, y, z, w) from another."""
     return (Rotation.from_quat(start).inv() * Rotation.from_quat(end)).as_rotvec()
 
 

@@ -48,8 +48,8 @@ def read_key(path: str) -> bytes:
             f'{path}: the signing key cannot be read ({reason.strerror}): check signing_key'
         ) from None
     try:
-        is_whole = len(content) == _KEY_LENGTH
-        key = content if is_whole else bytes.fromhex(content.decode('ascii'))
+        is_binary = len(content) == _KEY_LENGTH
+        key = content if is_binary else bytes.fromhex(content.decode('ascii'))
     except ValueError:
         key = b''
     if len(key) != _KEY_LENGTH:

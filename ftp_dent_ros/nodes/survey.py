@@ -10,7 +10,6 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -55,7 +54,7 @@ class Survey(PayloadNode[SurveySettings]):
 
     def _begin(self) -> None:
         """Begin a skin, of which nothing is known yet."""
-        self._joining = Joining(partial(self.diagnostics.refuse, 'pair not used in full'))
+        self._joining = Joining()
         self._left_out: set[int] = set()
 
     def _work(self, item: Matched) -> None:
@@ -72,7 +71,7 @@ class Survey(PayloadNode[SurveySettings]):
     def _join(self, item: Matched) -> None:
         stamp_ns, frame = item.stamp_ns, self.given.map_frame
         joining = self._joining
-        if stamp_ns in joining.stamps_ns:
+        if stamp_ns in joining.numbers:
             raise PoseError(
                 f'the cloud at {stamp_ns / 1e9:.3f} s is joined already', 'already seen'
             )
@@ -85,8 +84,11 @@ class Survey(PayloadNode[SurveySettings]):
         pose = joining.add(stamp_ns, cloud, stated, covariance)
         now_known = joining.newest_covariance()
         self._pose.publish(covariant_pose_message(pose, now_known, stamp_ns, frame))
-        stamps, poses = tuple(joining.stamps_ns), tuple(joining.graph.poses)
+        stamps, poses = tuple(joining.numbers), tuple(joining.graph.poses)
         self._drawing.put((stamps, poses, tuple(joining.footprints)))
+        for text in joining.remarks:
+            self.diagnostics.refuse('pair not used in full', text)
+        joining.remarks.clear()
         self._tell_pairs()
 
     def _draw(

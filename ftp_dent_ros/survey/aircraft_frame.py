@@ -127,13 +127,12 @@ def _contradiction(points: Sequence[ReferencePoint], frame: AircraftFrame) -> st
         f'the reference points contradict each other by up to {worst:.1f} mm, more than their '
         'uncertainties allow'
     )
-    right = []
-    for index, point in enumerate(points if len(points) > _NEEDED else ()):
-        without, misfit = _fitted([*points[:index], *points[index + 1 :]])
-        if misfit <= chi2.isf(_REFUSED, 3 * len(points) - 9):
-            right.append((point, without))
+    several = points if len(points) > _NEEDED else ()
+    fits = [(_fitted([each for each in points if each is not left]), left) for left in several]
+    most = chi2.isf(_REFUSED, 3 * len(points) - 9)
+    right = [(without, left) for (without, misfit), left in fits if misfit <= most]
     if len(right) == 1:
-        ((point, without),) = right
+        ((without, point),) = right
         off = np.linalg.norm(without.place(point.in_map)[0] - point.on_aircraft) * 1e3
         return (
             f'{said}: without {point.name}, which is {off:.1f} mm off, they agree: '

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +23,8 @@ from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_g
 from ftp_dent_ros.survey.matching import DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 
-Status = Literal[
-    'known',
-    'grown',
-    'shallower',
-    'new',
-    'first seen',
-    'repaired',
-    'not seen',
-    'changed',
-    'in doubt',
-]
 #: In words, in the order in which they are listed.
-STATUSES: dict[Status, str] = {
+STATUSES = {
     'grown': 'larger than before, beyond what noise can be',
     'new': 'was not there when the place was looked at before',
     'first seen': 'its place was not looked at before, or not well enough to find it',
@@ -47,14 +36,14 @@ STATUSES: dict[Status, str] = {
     'known': 'as before, as far as can be told',
 }
 # By the signs of what has changed.
-_BY_SIGNS: dict[frozenset[int], Status] = {
+_BY_SIGNS = {
     frozenset(): 'known',
     frozenset({1}): 'grown',
     frozenset({-1}): 'shallower',
     frozenset({1, -1}): 'changed',
 }
 # What is compared: these are damage; steps, bumps and what is none of these are not.
-DAMAGE = ('dent', 'crease', 'gouge')
+_DAMAGE = {'dent', 'crease', 'gouge'}
 # Standard deviations of a place in the other survey, around which it must have been looked at.
 _AROUND = 3.0
 
@@ -85,7 +74,7 @@ class ComparedDent:
         What the user's limits say of it.
     """
 
-    status: Status
+    status: str
     earlier: SurveyedDent | None
     later: SurveyedDent | None
     changes: Mapping[str, Change]
@@ -164,40 +153,38 @@ def compare(
     changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)
     found = []
     for (a, b), change in zip(same, changes, strict=True):
-        if a.dent.kind in DAMAGE or b.dent.kind in DAMAGE:
-            status = _BY_SIGNS[frozenset(each.verdict for each in change.values()) - {0}]
-            cut = '' if change else 'cut by the edge of what was measured: not compared'
-            found.append(ComparedDent(status, a, b, change, cut))
-    gone, come = (
-        [
-            _alone(each, survey, matching, is_gone)
-            for index, each in enumerate(dents)
-            if index not in {pair[not is_gone] for pair in matching.pairs}
-            and each.dent.kind in DAMAGE
-        ]
-        for dents, survey, is_gone in ((before, later, True), (after, earlier, False))
-    )
-    found += _with_doubts(gone, come, matching)
+        status = _BY_SIGNS[frozenset(each.verdict for each in change.values()) - {0}]
+        cut = '' if change else 'cut by the edge of what was measured: not compared'
+        found.append(ComparedDent(status, a, b, change, cut))
+    for side, (dents, other) in enumerate(((before, later), (after, earlier))):
+        paired = {pair[side] for pair in matching.pairs}
+        alone = [dent for index, dent in enumerate(dents) if index not in paired]
+        found += [_alone(dent, other, matching, is_gone=not side) for dent in alone]
+    found = [
+        each
+        for each in found
+        if any(dent and dent.dent.kind in _DAMAGE for dent in (each.earlier, each.later))
+    ]
+    found = _with_doubts(found, matching)
     order = list(STATUSES)
-    depths = {id(each): np.nan_to_num(abs(each.shown.dent.depth.value)) for each in found}
-    found.sort(key=lambda each: (order.index(each.status), -depths[id(each)]))
-    there = [each for each in found if each.later is not None]
-    judged = rules.judge([each.shown.dent for each in there]) if rules else [()] * len(there)
-    findings = {id(each): judgements for each, judgements in zip(there, judged, strict=True)}
-    dents = []
-    for each in found:
-        location, uncertainty = _located(each, matching, frame)
-        first = later if each.earlier is None else earlier
-        dents.append(
-            replace(
-                each,
-                location=location,
-                uncertainty=uncertainty,
-                first_seen=date_of(first.taken_ns),
-                findings=findings.get(id(each), ()),
-            )
+    found.sort(
+        key=lambda each: (
+            order.index(each.status),
+            -np.nan_to_num(abs(each.shown.dent.depth.value)),
         )
-    return Comparison(earlier, later, tuple(dents), matching, scales, frame, rules)
+    )
+    there = [each.later.dent for each in found if each.later]
+    judged = iter(rules.judge(there) if rules else [()] * len(there))
+    for index, each in enumerate(found):
+        location, uncertainty = _located(each, matching, frame)
+        found[index] = replace(
+            each,
+            location=location,
+            uncertainty=uncertainty,
+            first_seen=date_of((earlier if each.earlier else later).taken_ns),
+            findings=next(judged) if each.later else (),
+        )
+    return Comparison(earlier, later, tuple(found), matching, scales, frame, rules)
 
 
 def _located(
@@ -229,14 +216,13 @@ def _alone(
     return ComparedDent('first seen' if reason else 'new', None, dent, {}, reason)
 
 
-def _with_doubts(
-    gone: list[ComparedDent], come: list[ComparedDent], matching: DentMatching
-) -> list[ComparedDent]:
-    """All of both, those once that may be one dent: neither survey tells that they are two."""
-    unseen = [each for each in gone if each.status == 'not seen']
-    first = [each for each in come if each.status == 'first seen']
+def _with_doubts(found: list[ComparedDent], matching: DentMatching) -> list[ComparedDent]:
+    """Those once that may be one dent in both surveys: neither tells that they are two."""
+    unseen, first = (
+        [each for each in found if each.status == status] for status in ('not seen', 'first seen')
+    )
     if not (unseen and first):
-        return [*gone, *come]
+        return found
     before, after = [each.shown for each in unseen], [each.shown for each in first]
     places, spread = matching.in_later(np.stack([each.dent.position for each in before]))
     apart = np.stack([each.dent.position for each in after]) - places[:, None]
@@ -246,7 +232,7 @@ def _with_doubts(
     both = known[:, None] + np.stack([each.position_covariance for each in after])
     far = sigmas_apart(apart, both)
     alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
-    doubts = []
+    doubts, taken = [], set()
     for i, j in zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True):
         away = 1e3 * float(np.linalg.norm(apart[i, j]))
         reason = (
@@ -254,8 +240,8 @@ def _with_doubts(
             f'the places are known within {position_interval(both[i, j])}'
         )
         doubts.append(ComparedDent('in doubt', before[i], after[j], {}, reason))
-    taken = {id(each) for doubt in doubts for each in (doubt.earlier, doubt.later)}
-    return [*(each for each in (*gone, *come) if id(each.shown) not in taken), *doubts]
+        taken |= {id(unseen[i]), id(first[j])}
+    return [*(each for each in found if id(each) not in taken), *doubts]
 
 
 def _why_not_found(
@@ -345,7 +331,7 @@ def headline(dents: Sequence[ComparedDent]) -> str:
 
 def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     matching, frame = comparison.matching, comparison.frame
-    walk = math.sqrt(matching.forward.walk) * 1e3
+    walk = math.sqrt(matching.deformation.walk) * 1e3
     scales = ', '.join(
         f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
         for quantity, each in comparison.scales.items()

@@ -1,8 +1,8 @@
 """Whether dents have grown between two surveys, so that noise is never a growth.
 
 Every length, width and depth of every dent is a test, so that by chance alone some of hundreds lie
-beyond any single test's limit: limits are those of Holm's step-down procedure (Scand. J. Statist.
-6, 65, 1979) for all dents of a comparison together. What two surveys have in common (what the
+beyond any single test's limit: each is held against the chance for all dents of a comparison
+together, over their number (Bonferroni). What two surveys have in common (what the
 reconstruction smooths, how an outline is drawn) drops out of their difference, which is therefore
 less uncertain than both figures are stated to be: by how much is learnt from the dents themselves,
 most of which have not grown. Where both surveys keep the skin about a dent, its depth's change is
@@ -91,15 +91,13 @@ def changes_of(
     """
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
     changes: list[dict[str, Change]] = [{} for _ in earlier]
-    factors = {}
+    factors, unknown = {}, np.full((len(earlier), 4), math.nan)
     for quantity, chance in _FALSE_ALARM.items():
         before, after = (
             np.array([[abs(e.value), e.uncertainty] for e in (getattr(d, quantity) for d in each)])
             for each in (earlier, later)
         )
-        given = np.reshape(deeper, (-1, 4))
-        if quantity != 'depth':
-            given = np.full_like(given, np.nan)
+        given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 4))
         factors[quantity], found = _changes(chance, before, after, given, usable)
         for index, change in found.items():
             changes[index][quantity] = change
@@ -131,22 +129,22 @@ def _changes(
         )
         freedom[part] = np.minimum(freedom[part], common.freedom)
         factors.append(common)
-    whole = np.flatnonzero(usable)
-    chances = 2 * student.sf(np.abs(change[whole]) / uncertainty[whole], freedom[whole])
-    significant = whole[_holm(np.nan_to_num(chances, nan=1.0), false_alarm)]
+    chances = 2 * student.sf(np.abs(change) / uncertainty, freedom)
+    # Of what is not known, none.
+    is_certain = chances <= false_alarm / max(usable.sum(), 1)
     # A growth is as uncertain as its dent's depth is, too: windows take of both alike.
     scale = np.where(by_skin, change * earlier[:, 1] / before, 0.0)
     uncertainty = np.hypot(uncertainty, scale)
     half = student.ppf(0.975, freedom) * uncertainty
     # Of most of the dents.
-    factor = factors[0] if 2 * by_skin[whole].sum() > len(whole) else factors[1]
+    factor = factors[0] if 2 * by_skin[usable].sum() > usable.sum() else factors[1]
     return factor, {
         k: Change(
             Estimate(float(change[k]), float(uncertainty[k])),
             float(half[k]),
-            int(np.sign(change[k])) if k in significant else 0,
+            int(np.sign(change[k])) if is_certain[k] else 0,
         )
-        for k in whole.tolist()
+        for k in np.flatnonzero(usable).tolist()
     }
 
 
@@ -167,13 +165,6 @@ def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
         factor = (float((weight * before * after).sum()) + _SCALE**-2) / information
         spread = information**-0.5
     return CommonFactor(factor, spread, noise, freedom)
-
-
-def _holm(chances: Array, together: float) -> NDArray[np.intp]:
-    """Which tests are significant, all together to a chance."""
-    order = np.argsort(chances)
-    within = chances[order] <= together / np.arange(len(chances), 0, -1)
-    return order[np.logical_and.accumulate(within)]
 
 
 def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Array:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,7 @@ from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
-from ftp_dent_ros.survey.pose_graph import PoseGraph
-from ftp_dent_ros.survey.pose_terms import JITTER, Node, share_kept
+from ftp_dent_ros.survey.pose_graph import JITTER, Node, PoseGraph, share_kept
 from ftp_dent_ros.survey.registration import UnlikePairError, register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
@@ -28,25 +26,25 @@ _NEARBY = 4
 class Joining:
     """Joins clouds to one skin.
 
-    Parameters
-    ----------
-    remark : callable
-        Told what could not be used, and why.
-
     Attributes
     ----------
     graph : PoseGraph
-    stamps_ns : list of int
+    numbers : dict of int to int
+        Number of each cloud, from 0, by its stamp (ns).
     without_skin : int
         Clouds without an image of the skin.
     footprints : list of Footprint
+    frame_id : str
+        Of the poses; the default is that of a survey that no autopilot has placed.
+    remarks : list of str
+        What could not be used, and why; what was assumed.
     """
 
-    def __init__(self, remark: Callable[[str], Any] = lambda text: None) -> None:
-        self.graph = PoseGraph()
-        self.stamps_ns: list[int] = []
+    def __init__(self) -> None:
+        self.graph, self.frame_id = PoseGraph(), 'survey'
+        self.numbers: dict[int, int] = {}
         self.without_skin = 0
-        self._remark = remark
+        self.remarks: list[str] = []
         # Those that clouds to come may be laid on; and the lesser side of each cloud's, metres.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
         self._sizes: list[float] = []
@@ -82,19 +80,20 @@ class Joining:
         """
         patch = patch_of(cloud)
         self.without_skin += patch.light is None
-        number = len(self.stamps_ns)
+        number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
         told = (guess, None) if pose is None else (pose, covariance)
         self.graph.add(Node(*told, stamp_ns / 1e9, flight), guess)
-        self.stamps_ns.append(stamp_ns)
+        self.numbers[stamp_ns] = number
         self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
         self.footprints.append(Footprint.of(cloud, patch.frame))
         self._kept[number] = lambda: patch
-        for other in (number - back for back in _BACK):
-            if other >= 0 and self.graph.nodes[other].flight == flight:
+        before = [number - back for back in _BACK if number >= back]
+        for other in before:
+            if self.graph.nodes[other].flight == flight:
                 self._join(other, number)
         for other in self._closures(number):
-            self._close(other, number)
+            self._join(other, number)
         self.graph.update()
         self._forget(number)
         return self.graph.poses[number]
@@ -106,14 +105,26 @@ class Joining:
         """
         self._kept.clear()
         self.graph.solve()
-        for text in self.contradicting().values():
-            self._remark(text)
+        self.remarks += self.contradicting().values()
 
     def contradicting(self) -> dict[int, str]:
         """Which pairs are left out at the moment, by their number."""
-        why = 'contradicts the others, and is left out'
-        pairs = {index: self.graph.links[index] for index in sorted(self.graph.left_out)}
-        return {k: self._about(link.first, link.second, why) for k, link in pairs.items()}
+        why, links = 'contradicts the others, and is left out', self.graph.links
+        return {
+            k: self._about(links[k].first, links[k].second, why)
+            for k in sorted(self.graph.left_out)
+        }
+
+    @property
+    def pairs(self) -> tuple[int, int]:
+        """How many relative poses join the clouds, and how many contradict those."""
+        left_out = len(self.graph.left_out)
+        return len(self.graph.links) - left_out, left_out
+
+    @cached_property
+    def covariances(self) -> NDArray[np.float64]:
+        """Of all poses in the map, shape (n, 6, 6), once no cloud is to come."""
+        return self.graph.covariances()
 
     def newest_covariance(self) -> NDArray[np.float64]:
         """Covariance of the newest pose in the map, shape (6, 6), by the last clouds alone.
@@ -138,37 +149,35 @@ class Joining:
         return there @ last.stated.inverse() @ stated if is_told else stated
 
     def _join(self, first: int, second: int) -> None:
-        """Lay a cloud on one shortly before."""
+        """Lay a cloud on an earlier one, of the same pass or another."""
         relative = self._laid(first, second)
-        if relative is None:
+        if relative is None or not self._is_wanted(first, second, relative):
             return
         self.graph.link(first, second, relative)
-        if second - first > 1:
+        if second - first > 1 or self._are_passes(first, second):
             return
         if relative.remark and self._kept[second]().light is not None:
-            self._remark(self._about(first, second, relative.remark))
+            self.remarks.append(self._about(first, second, relative.remark))
         if relative.rank:
             # A guess for the others that is nearly right.
             self.graph.follow(second)
 
-    def _close(self, first: int, second: int) -> None:
-        """Lay a cloud on one of another pass.
+    def _is_wanted(self, first: int, second: int, relative: RelativePose) -> bool:
+        """Whether a pair tells more than those before it.
 
-        Where marks do not tell how far they are slid along each other, the autopilot alone does.
-        Pairs share its error while it lasts: one stands for all, or many would be sure of it.
+        Where marks do not tell how far another pass is slid along this one, the autopilot alone
+        does. Pairs share its error while it lasts: one stands for all, or many would be too sure.
         """
-        relative = self._laid(first, second)
-        if relative is None:
-            return
+        if not self._are_passes(first, second):
+            return True
         nodes, last = self.graph.nodes, self._last_slid
-        # Share of an autopilot's error below which it is taken for another one: one in twenty.
         if relative.rank == 6:
             self._last_closed = second
-        elif last in (-1, second) or share_kept(nodes[last], nodes[second]) < 0.05:
+            return True
+        # Share of an autopilot's error below which it is taken for another one: one in twenty.
+        if last in (-1, second) or share_kept(nodes[last], nodes[second]) < 0.05:
             self._last_slid = second
-        else:
-            return
-        self.graph.link(first, second, relative)
+        return self._last_slid == second
 
     def _laid(self, first: int, second: int) -> RelativePose | None:
         """Pose of a cloud seen from an earlier one; None if it does not fit."""
@@ -181,7 +190,7 @@ class Joining:
             return register(*patches, guess, doubt, known)
         except UnlikePairError as reason:
             if second - first == 1:
-                self._remark(self._about(first, second, str(reason)))
+                self.remarks.append(self._about(first, second, str(reason)))
             return None
 
     def _forget(self, number: int) -> None:
@@ -202,16 +211,22 @@ class Joining:
     def _closures(self, number: int) -> list[int]:
         """Of other passes that show the same skin, the nearest cloud of each."""
         others = [each for each in self._kept if self._are_passes(each, number)]
-        if not others or self._is_same_skin(number):
+        last, poses = self._last_closed, self.graph.poses
+        if last >= 0 and not self._are_passes(last, number):
+            apart = np.linalg.norm(poses[last].translation - poses[number].translation)
+            # Pairs on the same skin err alike: this part of a patch from the last that was laid
+            # on another pass, one tells hardly more.
+            others = others if apart >= 0.5 * self._sizes[number] else []
+        if not others:
             return []
         both = [*others, number]
         sizes = np.array([self._sizes[each] for each in both])
         middles = self._middles(both)
-        apart = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
+        far = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
         # No farther apart than this part of both patches' sizes.
-        near = np.flatnonzero(apart < 0.6 * (sizes[:-1] + sizes[-1]))
+        near = np.flatnonzero(far < 0.6 * (sizes[:-1] + sizes[-1]))
         chosen: list[int] = []
-        for index in near[np.argsort(apart[near], kind='stable')]:
+        for index in near[np.argsort(far[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
         return chosen[:2]
@@ -224,18 +239,8 @@ class Joining:
         nodes = self.graph.nodes
         return abs(one - other) >= 8 or nodes[one].flight != nodes[other].flight
 
-    def _is_same_skin(self, number: int) -> bool:
-        """Whether another pass shows hardly more than the last that was laid on another."""
-        last, poses = self._last_closed, self.graph.poses
-        if last < 0 or self._are_passes(last, number):
-            return False
-        apart = np.linalg.norm(poses[last].translation - poses[number].translation)
-        # Pairs on the same skin err alike: this part of a patch from the last that was laid on
-        # another.
-        return bool(apart < 0.5 * self._sizes[number])
-
     def _about(self, first: int, second: int, what: str) -> str:
-        a, b = (self.stamps_ns[number] / 1e9 for number in (first, second))
+        a, b = (self.graph.nodes[number].seconds for number in (first, second))
         return f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
 
 

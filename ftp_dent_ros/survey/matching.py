@@ -49,25 +49,28 @@ class DentMatching:
         Index in the earlier survey, and in the later one.
     motion : Pose
         Of the later survey's frame in the earlier one's, roughly.
-    forward, backward : Deformation
-        From the later survey, moved, to the earlier one, and back.
+    deformation : Deformation
+        From the later survey, moved, to the earlier one.
     """
 
     pairs: tuple[tuple[int, int], ...]
     motion: Pose
-    forward: Deformation
-    backward: Deformation
+    deformation: Deformation
 
     def in_earlier(self, places: Array) -> tuple[Array, Array]:
         """Places of the later survey in the earlier one, and their standard deviation."""
         moved = self.motion.apply(places)
-        shift, spread = self.forward.shift(moved)
+        shift, spread = self.deformation.shift(moved)
         return moved + shift, spread
 
     def in_later(self, places: Array) -> tuple[Array, Array]:
         """Places of the earlier survey in the later one, and their standard deviation."""
-        shift, spread = self.backward.shift(places)
-        return self.motion.inverse().apply(places + shift), spread
+        moved, spread = places, np.zeros(len(places))
+        # Shifts change by a hundredth of the way, so that these steps leave micrometres.
+        for _ in range(3):
+            shift, spread = self.deformation.shift(moved)
+            moved = places - shift
+        return self.motion.inverse().apply(moved), spread
 
     def near(self, place: Array) -> Pose:
         """Of the earlier survey's frame in the later one's, about a place of the earlier one."""
@@ -101,30 +104,25 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Den
     there, here = _positions(earlier), _positions(later)
     place, agree = centre_deviations(earlier, later), agreement(earlier, later)
     motions = _motions_between(earlier, later, agree)
-    best_score, best = -math.inf, None
+    tried: list[tuple[float, Pose, Pairs]] = []
     for motion in motions:
         moved = motion.apply(here)
         i, j = _nearest_pairs(there, moved, place, np.isfinite(agree))
         misfit = float((np.square(there[i] - moved[j]).sum(axis=1) / place[i, j] ** 2).sum())
         score = len(i) - misfit / (2 * _GATE**2 * max(len(i), 1))
-        if score > best_score:
-            best_score, best = score, (motion, i, j)
+        tried.append((score, motion, (i, j)))
+    best = max(tried, key=lambda each: each[0], default=None)
     # Chance that dents of two aircraft are laid on each other.
-    if best is None or _by_chance(len(best[1]), len(motions), there, place, agree) > 1e-3:
+    if best is None or _by_chance(len(best[2][0]), len(motions), there, place, agree) > 1e-3:
         raise NoMatchError(
             'no motion lays enough dents of the one survey on those of the other: '
             'check that they are of the same aircraft and overlap'
         )
-    motion, i, j = best
+    _, motion, pairs = best
     moved = motion.apply(here)
-    i, j = _followed_pairs(earlier, later, moved, place, (i, j))
-    shifts, spreads = there[i] - moved[j], place[i, j] * math.sqrt(2)
-    return DentMatching(
-        tuple(zip(i.tolist(), j.tolist(), strict=True)),
-        motion,
-        _fit(moved[j], shifts, spreads),
-        _fit(there[i], -shifts, spreads),
-    )
+    i, j = _followed_pairs(earlier, later, moved, place, pairs)
+    deformation = _fit(moved[j], there[i] - moved[j], place[i, j] * math.sqrt(2))
+    return DentMatching(tuple(zip(i.tolist(), j.tolist(), strict=True)), motion, deformation)
 
 
 def _positions(dents: Sequence[MeasuredDent]) -> Array:

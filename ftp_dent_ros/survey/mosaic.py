@@ -106,13 +106,8 @@ class Mosaic(Raster):
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
-        measured, cloud = self.measured(), self.cloud()
-        return CoverageCells(
-            CELL,
-            cloud.points[measured],
-            _middle(self._findable)[measured],
-            _by_cell(self.views).max(axis=-1)[measured].astype(np.int64),
-        )
+        measured, points = self.measured(), self.cloud().points
+        return CoverageCells(CELL, points[measured], _middle(self._findable)[measured])
 
     def measured(self) -> NDArray[np.bool_]:
         """Mask of the cells of which half or more was measured."""

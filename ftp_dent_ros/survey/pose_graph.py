@@ -1,24 +1,76 @@
-"""All poses of a survey at once: by what pairs of clouds tell, and what the autopilot says."""
+"""All poses of a survey at once: by what pairs of clouds tell, and what the autopilot says.
+
+Both are terms of one sparse least squares.
+"""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
+from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import motions, spread_of_shift
+from ftp_dent_ros.rigid import (
+    changes,
+    crossed,
+    motions,
+    rotation_vectors,
+    spread_of_shift,
+    twists,
+)
+from ftp_dent_ros.robust import geman_mcclure
 from ftp_dent_ros.survey.information import COMMON, RelativePose
-from ftp_dent_ros.survey.pose_terms import HALF, Array, Node, PairLink, Terms
+
+# What an autopilot errs anew each time, metres and radians.
+JITTER = np.diag([3e-3**2] * 3 + [1e-3**2] * 3)
+# Where nothing says where the survey lies: metres, radians.
+_ANCHOR = np.eye(6) * 1e-12
+# About its guess, of a pose that nothing may tell: metres, radians.
+_UNTOLD = np.diag([0.5**2] * 3 + [0.3**2] * 3)
+# Squared error, in variances a direction, at which a pair counts a quarter.
+_HALF = 16.0
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A cloud's pose: what the autopilot says of the camera, and when.
+
+    Where it says nothing there is no covariance, and `stated` is a guess.
+    """
+
+    stated: Pose
+    covariance: Array | None
+    seconds: float
+    flight: int
+
+
+@dataclass(frozen=True, eq=False)
+class PairLink:
+    """A relative pose between two clouds, the second's seen from the first."""
+
+    first: int
+    second: int
+    relative: RelativePose
+
+
+def share_kept(earlier: Node, later: Node) -> float:
+    """Share of an autopilot's error at one cloud that is still there at another."""
+    if earlier.flight != later.flight:
+        return 0.0
+    # After which an autopilot's error is another one, seconds: the shortest that hovering ones
+    # were seen to have; a longer one would believe more of it.
+    return math.exp(-abs(later.seconds - earlier.seconds) / 5.0)
 
 
 class PoseGraph:
@@ -91,11 +143,10 @@ class PoseGraph:
         self.solve(fixed)
         newest = range(self.first_link(number), len(self.links))
         self._is_strained |= any(
-            self._misfits.get(k, 0.0) > HALF for k in newest if self.links[k].first < fixed
+            self._misfits.get(k, 0.0) > _HALF for k in newest if self.links[k].first < fixed
         )
-        rested = number - self._all_moved
-        is_due = rested >= max(100, 0.25 * number)
-        if is_due or (self._is_strained and rested >= 0.02 * number):
+        rest = 0.02 * number if self._is_strained else max(100, 0.25 * number)
+        if number - self._all_moved >= rest:
             self.solve()
             self._all_moved, self._is_strained = number, False
 
@@ -103,17 +154,21 @@ class PoseGraph:
         """Move the poses from number `fixed` on to where they agree best."""
         if fixed >= len(self.nodes):
             return
-        terms = self._terms(fixed)
+        terms, start = Terms(self, fixed), (self._turns, self._places)
+        # Those that contradicted the others before count from the first step on by how they fit.
         doubted = np.isin(terms.links, list(self.left_out) if fixed else [])
-        turns, places = _solved(terms, self._turns, self._places, doubted)
-        self._turns, self._places = turns, places
+        found = _stepped(terms, *start, doubted, math.inf)
+        if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(*start)):
+            # Poses fit no worse than before: no pair that does not fit already pulls.
+            found = _stepped(terms, *start, np.ones(len(doubted), bool), 1.0)
+        turns, places = self._turns, self._places = found
         rotations = Rotation.from_matrix(turns[fixed:])
         self.poses[fixed:] = [
             Pose(rotation, place.copy())
             for rotation, place in zip(rotations, places[fixed:], strict=True)
         ]
         misfits = terms.misfits(terms.errors(turns, places))
-        self._misfits |= dict(zip(terms.links.tolist(), misfits.tolist(), strict=True))
+        self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
 
     def follow(self, number: int) -> None:
         """Put the newest pose where its last link says, as far as that says anything."""
@@ -147,7 +202,7 @@ class PoseGraph:
         only : sequence of int, optional
             Numbers of the poses that are asked for; all by default.
         """
-        terms = self._terms(0, anchor)
+        terms = Terms(self, 0, anchor)
         errors = terms.errors(self._turns, self._places)
         jacobian, weighted = terms.weighted(self._turns, self._places, errors, 1.0)
         solver = _factored(weighted @ jacobian)
@@ -174,36 +229,6 @@ class PoseGraph:
         size = len(self.nodes)
         joined = coo_matrix((np.ones(len(joins)), (first, second)), shape=(size, size))
         return connected_components(joined, directed=False)[1].tolist()
-
-    def _terms(self, fixed: int, anchor: int | None = None) -> Terms:
-        numbers = range(self.first_link(fixed), len(self.links))
-        told = {k: self.links[k] for k in numbers if self.links[k].relative.rank}
-        return Terms(told, self.nodes, fixed, anchor)
-
-
-def _solved(
-    terms: Terms, turns: Array, places: Array, doubted: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Poses that agree best, from where they are; they fit no worse than that.
-
-    Parameters
-    ----------
-    terms : Terms
-    turns, places : ndarray, shape (all, 3, 3) and (all, 3)
-        Of all poses.
-    doubted : ndarray, shape (links,), bool
-        Links that contradicted the others before: they count from the first step on by how they
-        fit.
-
-    Returns
-    -------
-    turns, places : ndarray, shape (all, 3, 3) and (all, 3)
-    """
-    found = _stepped(terms, turns, places, doubted, math.inf)
-    if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(turns, places)):
-        # No pair that does not fit already pulls.
-        return _stepped(terms, turns, places, np.ones(len(doubted), bool), 1.0)
-    return found
 
 
 def _factored(matrix: Any) -> Any:
@@ -245,7 +270,7 @@ def _stepped(
             if is_gain and size > 1e-4:
                 continue
             misfits = terms.misfits(errors)
-            tolerance = float(misfits[~doubted].max(initial=0.0)) / HALF
+            tolerance = float(misfits[~doubted].max(initial=0.0)) / _HALF
         # By which the tolerance falls from step to step.
         tolerance = max(1.0, tolerance / 4.0)
     return turns, places
@@ -262,3 +287,142 @@ def _moved(turns: Array, places: Array, fixed: int, step: Array) -> tuple[Array,
     turns[fixed:] = off @ turns[fixed:]
     places[fixed:] = (off @ at[..., None])[..., 0] + shift
     return turns, places
+
+
+class Terms:
+    """Errors of all that is told of the poses from number `fixed` on, and what they weigh.
+
+    First those of the links, as twists from what they tell to where poses are; then those of what
+    the autopilot says: of the first pose, and how each differs from the last.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+    fixed : int
+        Number of the first pose that moves.
+    anchor : int, optional
+        The pose that is taken for exact; that of the map by default.
+    """
+
+    def __init__(self, graph: PoseGraph, fixed: int = 0, anchor: int | None = None) -> None:
+        nodes = graph.nodes
+        self.fixed, self.count = fixed, len(nodes) - fixed
+        numbers = range(graph.first_link(fixed), len(graph.links))
+        #: Numbers of the links that tell something.
+        self.links = [k for k in numbers if graph.links[k].relative.rank]
+        links = [graph.links[k] for k in self.links]
+        relative = [link.relative for link in links]
+        turns, self._shift = _arrays([each.pose for each in relative])
+        self._back = np.swapaxes(turns, 1, 2)
+        self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
+        self._rank = np.array([each.rank for each in relative], float)
+        stated = _stated(nodes, fixed, anchor)
+        at, before, keep, spreads = zip(*stated, strict=True)
+        self._keep = np.array(keep)
+        self._said = [_arrays([nodes[k].stated for k in each]) for each in (before, at)]
+        # Numbers of each term's two poses; of links, and of what is stated.
+        pairs = [(link.first, link.second) for link in links]
+        self._poses = np.array([*pairs, *zip(before, at, strict=True)], np.intp)
+        information = [each.information for each in relative]
+        self._information = np.array([*information, *np.linalg.inv(np.array(spreads))])
+        #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
+        self.common = np.array([*(e.common for e in relative), *np.zeros((len(stated), 6, 6))])
+
+    def errors(self, turns: Array, places: Array) -> Array:
+        """At poses of shape (all, 3, 3) and (all, 3); shape (terms, 6)."""
+        count = len(self.links)
+        first, second = self._poses[:count].T
+        back = np.swapaxes(turns[first], 1, 2)
+        off = back @ turns[second] @ self._back
+        seen = _turned(back, places[second] - places[first])
+        of_links = twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
+        then, now = (
+            np.hstack([places[at] - place, rotation_vectors(turns[at] @ np.swapaxes(turn, 1, 2))])
+            for at, (turn, place) in zip(self._poses[count:].T, self._said, strict=True)
+        )
+        return np.concatenate([of_links, now - self._keep[:, None] * then])
+
+    def misfits(self, errors: Array) -> Array:
+        """Squares of the links' errors, in variances, a direction told; shape (links,)."""
+        return self._squares(errors)[: len(self.links)] / self._rank
+
+    def cost(self, errors: Array, tolerance: Array | float = 1.0) -> float:
+        """Robust sum of squares."""
+        misfits = self.misfits(errors)
+        of_links = self._rank @ (misfits / (1 + misfits / (_HALF * tolerance)))
+        return float(of_links + self._squares(errors)[len(misfits) :].sum())
+
+    def _squares(self, errors: Array) -> Array:
+        return (errors * _turned(self._information, errors)).sum(axis=1)
+
+    def weighted(
+        self, turns: Array, places: Array, errors: Array, tolerance: Array | float
+    ) -> tuple[csr_matrix, csr_matrix]:
+        """Jacobian of the errors by the poses that move, and that times the weights, transposed.
+
+        The weights are Geman and McClure's of robust least squares.
+        """
+        count, total = len(self.links), len(errors)
+        first = self._poses[:count, 0]
+        back = np.swapaxes(turns[first], 1, 2)
+        centre = places[first] + _turned(turns[first], self._centre)
+        change = changes(errors[:count])
+        blocks = np.zeros((total, 2, 6, 6))
+        for side, sign in enumerate((-1, 1)):
+            # A turn of a camera shifts what lies at the end of the arm.
+            move = np.zeros((count, 6, 6))
+            move[:, :3, :3] = move[:, 3:, 3:] = back
+            move[:, :3, 3:] = -back @ crossed(centre - places[self._poses[:count, side]])
+            blocks[:count, side] = sign * change @ move
+        blocks[count:, 0] = -self._keep[:, None, None] * np.eye(6)
+        blocks[count:, 1] = np.eye(6)
+        columns = self._poses - self.fixed
+        blocks[columns < 0] = 0
+        jacobian = bsr_matrix(
+            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 2 * np.arange(total + 1)),
+            shape=(6 * total, 6 * self.count),
+        ).tocsr()
+        information = self._information.copy()
+        heard = geman_mcclure(self.misfits(errors), _HALF * tolerance)
+        information[:count] *= heard[:, None, None]
+        weights = bsr_matrix((information, np.arange(total), np.arange(total + 1)))
+        return jacobian, jacobian.T @ weights.tocsr()
+
+
+def _stated(
+    nodes: Sequence[Node], fixed: int, anchor: int | None
+) -> list[tuple[int, int, float, Array]]:
+    """Of each pose an earlier one, the share of its error, and the covariance of the rest."""
+    terms: list[tuple[int, int, float, Array]] = []
+    told = [index for index, node in enumerate(nodes) if node.covariance is not None]
+    last_told = dict(zip(told[1:], told, strict=False))
+    for index, node in enumerate(nodes[fixed:], fixed):
+        last = last_told.get(index)
+        if node.covariance is None:
+            spread = _ANCHOR if index == 0 and anchor is None else _UNTOLD
+            terms.append((index, index, 0.0, spread))
+        elif last is not None and nodes[last].flight == node.flight:
+            keep = share_kept(nodes[last], node)
+            spread = (1 - keep**2) * node.covariance + 2 * JITTER
+            if anchor is not None:
+                # Seen from a pose that errs itself, errors differ ever more.
+                spread, keep = 2 * (1 - keep) * node.covariance + 2 * JITTER, 1.0
+            terms.append((index, last, keep, spread))
+        elif anchor is None:
+            terms.append((index, index, 0.0, node.covariance))
+        elif nodes[anchor].flight != node.flight:
+            # Of two flights' errors, neither is known.
+            terms.append((index, index, 0.0, 2 * node.covariance))
+    if anchor is not None:
+        terms.append((anchor, anchor, 0.0, _ANCHOR))
+    return terms
+
+
+def _arrays(poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """Turns, shape (n, 3, 3), and places, shape (n, 3)."""
+    turns = np.array([pose.rotation.as_matrix() for pose in poses]).reshape(-1, 3, 3)
+    return turns, np.array([pose.translation for pose in poses]).reshape(-1, 3)
+
+
+def _turned(turns: Array, vectors: Array) -> Array:
+    return (turns @ vectors[..., None])[..., 0]

@@ -8,8 +8,9 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -228,9 +229,8 @@ def _solved(
     return pose
 
 
-def _laid(first, few, pose, centre, prior):
-    """Pose by the shape alone."""
-    return _solved(first, few, pose, centre, prior, with_paint=False, steps=2)
+# Pose by the shape alone.
+_laid: Callable[..., Pose] = partial(_solved, with_paint=False, steps=2)
 
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:

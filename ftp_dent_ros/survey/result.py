@@ -86,14 +86,11 @@ class CoverageCells:
     findable : ndarray, shape (n,), float32
         Smallest depth of a dent that would have been found there by the best cloud, metres; NaN
         where it is not known.
-    views : ndarray, shape (n,), int
-        How many clouds measured it.
     """
 
     size: float
     positions: NDArray[np.float32]
     findable: NDArray[np.float32]
-    views: NDArray[np.int64]
 
     @property
     def area(self) -> float:

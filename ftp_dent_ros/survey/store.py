@@ -25,7 +25,7 @@ _APPLICATION, _VERSION = 0x46747044, 3
 _TABLE = """CREATE TABLE surveys (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE,
     taken_ns INTEGER NOT NULL, added_ns INTEGER NOT NULL, record TEXT NOT NULL,
     arrays BLOB NOT NULL)"""
-_CELLS = 'positions', 'findable', 'views'
+_CELLS = 'positions', 'findable'
 
 
 class SurveyStore:

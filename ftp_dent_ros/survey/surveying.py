@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.inspection.inspecting import CloudInspector, Inspected, inspected
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.report import InspectionReport
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.recording.clouds import bag_clouds, coverages_of
 from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens
@@ -44,15 +43,12 @@ class Surveyed:
     ----------
     result : SurveyResult
     mosaic : Mosaic
-    joined : JoinedClouds
-    remarks : tuple of str
-        What could not be used, and why; what was assumed.
+    joined : Joining
     """
 
     result: SurveyResult
     mosaic: Mosaic
-    joined: JoinedClouds
-    remarks: tuple[str, ...]
+    joined: Joining
 
 
 def survey_bags(
@@ -84,28 +80,26 @@ def survey_bags(
     """
     joined = join_bags(bags, progress)
     skin = FusedSkin(bags, joined, progress)
-    dents, remarks = DentList(), list(joined.remarks)
+    dents = DentList()
     for item, outcome in skin.inspected(settings, photographs=False):
         found = outcome.found
         if found is None:
-            remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {outcome.reason}')
+            joined.remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {outcome.reason}')
             continue
-        assert item.pose is not None
-        seen = [each.transformed(item.pose) for each in (*found.dents, *found.others)]
-        number = joined.numbers[item.stamp_ns]
-        dents.add(number, seen, item.pose, item.covariance, stamp_ns=item.stamp_ns)
+        pose, number = item.pose or IDENTITY, joined.numbers[item.stamp_ns]
+        seen = [each.transformed(pose) for each in (*found.dents, *found.others)]
+        dents.add(number, seen, pose, item.covariance, item.stamp_ns)
     surveyed = tuple(
         SurveyedDent(
             each.number,
             replace(each.dent, reason=each.reason),
-            position_covariance(
-                each.dent.position, joined.poses[each.best], joined.covariances[each.best]
-            ),
+            _spread(joined, each.best, each.dent),
             len(each.sightings),
             skin.relief(each.dent),
         )
         for each in dents.entries
     )
+    joined.remarks += [sentence(dents.glass)] if dents.glass else []
     result = SurveyResult(
         name=name,
         sources=tuple(str(bag.path) for bag in bags),
@@ -117,53 +111,19 @@ def survey_bags(
         rig_id=rig_id,
         software=__version__,
     )
-    remarks += [sentence(dents.glass)] if dents.glass else []
-    return Surveyed(result, skin.mosaic, joined, tuple(remarks))
+    return Surveyed(result, skin.mosaic, joined)
 
 
-@dataclass(frozen=True, eq=False)
-class JoinedClouds:
-    """Clouds, and where their cameras were.
-
-    Attributes
-    ----------
-    joining : Joining
-    frame_id : str
-        Of the poses.
-    remarks : tuple of str
-        What could not be used, and why; what was assumed.
-    """
-
-    joining: Joining
-    frame_id: str
-    remarks: tuple[str, ...]
-
-    @property
-    def poses(self) -> Sequence[Pose]:
-        """Of the camera at each cloud."""
-        return self.joining.graph.poses
-
-    @property
-    def pairs(self) -> tuple[int, int]:
-        """How many relative poses join them, and how many contradict those and are left out."""
-        graph = self.joining.graph
-        return len(graph.links) - len(graph.left_out), len(graph.left_out)
-
-    @cached_property
-    def numbers(self) -> dict[int, int]:
-        """Number of each cloud, from 0, by its stamp (ns)."""
-        return {stamp: number for number, stamp in enumerate(self.joining.stamps_ns)}
-
-    @cached_property
-    def covariances(self) -> NDArray[np.float64]:
-        """Of the poses in the map, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance."""
-        return self.joining.graph.covariances()
+def _spread(joined: Joining, number: int, dent: MeasuredDent) -> NDArray[np.float64]:
+    """Covariance of a dent's place by that of a cloud, with what all places have in common."""
+    pose, covariance = joined.graph.poses[number], joined.covariances[number]
+    return position_covariance(dent.position, pose, covariance)
 
 
 def join_bags(
     bags: Sequence[Bag],
     progress: Callable[[], Any] = lambda: None,
-) -> JoinedClouds:
+) -> Joining:
     """Join all clouds of all bags, which show one aircraft.
 
     Parameters
@@ -179,16 +139,15 @@ def join_bags(
     CloudError
         No cloud can be used, or nothing tells where a bag's skin lies.
     """
-    remarks: list[str] = []
-    joining = Joining(remarks.append)
-    frame_id, without_covariance = '', 0
+    joining = Joining()
+    remarks, frame_id, without_covariance = joining.remarks, '', 0
     for flight, bag in enumerate(bags):
         for item in bag_clouds(bag, lambda skipped: remarks.append(str(skipped)), False):
             if not item.in_camera:
                 raise BagError(
                     f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'
                 )
-            if item.stamp_ns in joining.stamps_ns:
+            if item.stamp_ns in joining.numbers:
                 continue
             covariance = item.covariance
             if item.pose is not None:
@@ -205,11 +164,10 @@ def join_bags(
             except CloudError as reason:
                 remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
             progress()
-    if not joining.stamps_ns:
+    if not joining.numbers:
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
     joining.finish()
-    of_parts = _ties(joining, bags)
-    clouds = len(joining.stamps_ns)
+    of_parts, clouds = _ties(joining, bags), len(joining.numbers)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     told = (
         (
@@ -225,9 +183,9 @@ def join_bags(
             'too',
         ),
     )
-    remarks += [f'{count} {text}' for count, text in told if count]
-    # The frame of a survey that no autopilot has placed.
-    return JoinedClouds(joining, frame_id or 'survey', (*remarks, *of_parts))
+    remarks += [f'{count} {text}' for count, text in told if count] + of_parts
+    joining.frame_id = frame_id or joining.frame_id
+    return joining
 
 
 def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
@@ -272,17 +230,15 @@ class FusedSkin:
     Parameters
     ----------
     bags : sequence of Bag
-    joined : JoinedClouds
-        Their clouds.
+    joined : Joining
+        Of their clouds.
     progress : callable
         Called after each cloud.
     """
 
-    def __init__(
-        self, bags: Sequence[Bag], joined: JoinedClouds, progress: Callable[[], Any] = lambda: None
-    ) -> None:
+    def __init__(self, bags: Sequence[Bag], joined: Joining, progress: Callable[[], Any]) -> None:
         self._bags, self._joined, self._progress = bags, joined, progress
-        skin, places = unrolled(joined.joining.footprints, joined.poses)
+        skin, places = unrolled(joined.footprints, joined.graph.poses)
         flat = np.concatenate(places)[:, :2].astype(float)
         # With some room, metres.
         extent = flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
@@ -298,7 +254,7 @@ class FusedSkin:
             for item in bag_clouds(bag, photographs=photographs):
                 number = numbers.pop(item.stamp_ns, None)
                 if number is not None:
-                    yield item, self._joined.poses[number]
+                    yield item, self._joined.graph.poses[number]
 
     def inspected(
         self, settings: SmallestDent, photographs: bool = True
@@ -308,7 +264,7 @@ class FusedSkin:
         Poses are those seen from the middle cloud. Depths are as uncertain as what all clouds may
         have in common.
         """
-        graph = self._joined.joining.graph
+        graph = self._joined.graph
         among_them = graph.covariances(anchor=len(graph.poses) // 2)
         for item, pose in self._clouds(photographs):
             cloud = self._fusion.fused(item.cloud, pose)
@@ -322,7 +278,7 @@ class FusedSkin:
                     tuple(self._doubted(dent, pose) for dent in part)
                     for part in (found.dents, found.others)
                 )
-                outcome = replace(outcome, found=replace(found, dents=dents, others=others))
+                outcome = Inspected(replace(found, dents=dents, others=others))
             yield placed, outcome
             self._progress()
 
@@ -359,7 +315,7 @@ def report_on_skin(
     rules: Rules | None = None,
     settings: SmallestDent | None = None,
     progress: Callable[[], Any] = lambda: None,
-) -> tuple[InspectionReport, JoinedClouds]:
+) -> tuple[InspectionReport, Joining]:
     """Join a bag's clouds, inspect each with what all tell of its place, and show the whole skin.
 
     Parameters
@@ -379,26 +335,20 @@ def report_on_skin(
     """
     joined = join_bags([bag], progress)
     skin = FusedSkin([bag], joined, progress)
-    inspector = CloudInspector(inspect, len(joined.poses), settings=settings)
+    inspector = CloudInspector(inspect, len(joined.numbers), settings=settings)
     covered = coverages_of(bag)
     for item, outcome in skin.inspected(settings or SmallestDent()):
         coverage = covered.get(item.stamp_ns)
         inspector.take(replace(item, frame_id=joined.frame_id, coverage=coverage), outcome)
     report = inspector.report(str(bag.path), rig, camera, rules)
-    # With what all places have in common: the error of the autopilot's poses.
-    frames = tuple(
-        replace(each, covariance=joined.covariances[joined.numbers[each.stamp_ns or 0]])
-        for each in report.frames
+    frames, numbers = [], []
+    for each in report.frames:
+        numbers.append(joined.numbers[each.stamp_ns or 0])
+        frames.append(replace(each, covariance=joined.covariances[numbers[-1]]))
+    entries = tuple(
+        replace(each, position_covariance=_spread(joined, numbers[each.best - 1], each.dent))
+        for each in report.entries
     )
-    entries = []
-    for each in report.entries:
-        best = frames[each.best - 1]
-        covariance = position_covariance(each.dent.position, best.pose, best.covariance)
-        entries.append(replace(each, position_covariance=covariance))
-    dents = [
-        SurveyedDent(each.number, each.dent, each.position_covariance, len(each.sightings))
-        for each in entries
-    ]
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
-    shown = skin_of(skin.mosaic, dents, facts, joined.remarks)
-    return replace(report, frames=frames, entries=tuple(entries), skin=shown), joined
+    shown = skin_of(skin.mosaic, entries, facts, joined.remarks)
+    return replace(report, frames=tuple(frames), entries=entries, skin=shown), joined

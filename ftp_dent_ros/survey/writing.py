@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-
-from ftp_dent_ros.files import write_all_atomically
-from ftp_dent_ros.inspection.report import findable_shares
-from ftp_dent_ros.pages.page import render
-from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
-
-if TYPE_CHECKING:
-    from ftp_dent_ros.survey.surveying import Surveyed
-from collections.abc import Iterable, Sequence
-
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.ply import write_ply
+from ftp_dent_ros.dents.sightings import ListedDent
+from ftp_dent_ros.files import write_all_atomically
+from ftp_dent_ros.inspection.report import findable_shares
 from ftp_dent_ros.pages import drawing
+from ftp_dent_ros.pages.page import render
+from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
 from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent
 from ftp_dent_ros.survey.unrolled import Gap
+
+if TYPE_CHECKING:
+    from ftp_dent_ros.survey.surveying import Surveyed
 
 # Depth that the picture of the deviation shows at its ends, metres.
 _DEEPEST = 0.5e-3
@@ -89,7 +88,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
         'software': result.software,
         'rig': result.rig_id,
         'pairs': dict(zip(('used', 'left_out'), joined.pairs, strict=True)),
-        'remarks': list(survey.remarks),
+        'remarks': joined.remarks,
         'poses': [
             {
                 'stamp_ns': stamp_ns,
@@ -98,7 +97,7 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
                 'covariance': covariance.ravel().tolist(),
             }
             for stamp_ns, pose, covariance in zip(
-                joined.joining.stamps_ns, joined.poses, joined.covariances, strict=True
+                joined.numbers, joined.graph.poses, joined.covariances, strict=True
             )
         ],
         'unrolled': {
@@ -174,7 +173,7 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
     """
     result = survey.result
     facts = [
-        ('Flown', f'{date_of(result.taken_ns)}, {len(survey.joined.poses)} clouds'),
+        ('Flown', f'{date_of(result.taken_ns)}, {len(survey.joined.numbers)} clouds'),
         ('Joined by', '{} pairs of clouds, {} left out'.format(*survey.joined.pairs)),
         ('Frame', result.frame_id),
         ('Rig', result.rig_id or 'not known'),
@@ -189,31 +188,14 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
         sources=result.sources,
         software=result.software,
         headline=f'{result.count} dents, {len(result.dents) - result.count} others',
-        skin=skin_of(survey.mosaic, result.dents, facts, survey.remarks),
-        dents=[_dent(each, survey, frame) for each in result.dents],
+        skin=skin_of(survey.mosaic, result.dents, facts, survey.joined.remarks),
+        dents=result.dents,
+        unrolled=survey.mosaic.skin,
         frame=frame,
+        interval=interval,
+        position_interval=position_interval,
         places=json.dumps(finite(_places(survey))),
     )
-
-
-def _dent(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -> dict[str, Any]:
-    dent = each.dent
-    record: dict[str, Any] = {
-        'number': each.number,
-        'kind': dent.kind,
-        'cut': dent.is_cut,
-        'reason': dent.reason,
-        'sightings': each.sightings,
-        'unrolled': ', '.join(f'{v:.3f}' for v in survey.mosaic.skin.place(dent.position)[:2]),
-        'position': ', '.join(f'{value:.3f}' for value in dent.position),
-        'spread': position_interval(each.position_covariance),
-        **{name: interval(getattr(dent, name)) for name in ('depth', 'length', 'width')},
-    }
-    if frame is not None:
-        place, spread = frame.place(dent.position)
-        record['aircraft'] = ', '.join(f'{value * 1e3:.1f}' for value in place)
-        record['aircraft_spread'] = position_interval(spread)
-    return record
 
 
 def _places(survey: Surveyed) -> dict[str, Any]:
@@ -241,7 +223,7 @@ def _places(survey: Surveyed) -> dict[str, Any]:
 
 def skin_of(
     mosaic: Mosaic,
-    dents: Iterable[SurveyedDent],
+    dents: Iterable[SurveyedDent | ListedDent],
     facts: Sequence[tuple[str, str]] = (),
     remarks: Sequence[str] = (),
 ) -> dict[str, Any]:
@@ -250,7 +232,7 @@ def skin_of(
     Parameters
     ----------
     mosaic : Mosaic
-    dents : iterable of SurveyedDent
+    dents : iterable of SurveyedDent or ListedDent
         In the mosaic's frame.
     facts : sequence of (str, str)
         Of the flight, before those of the coverage.
@@ -350,14 +332,10 @@ def _coverage_facts(gaps: Sequence[Gap], cells: CoverageCells) -> list[tuple[str
     if math.isfinite(most):
         text = f'{half:.3f} mm deep on half of it, {most:.3f} mm on 95 %'
         facts.append(('A dent was found from', text))
-    if len(cells.views):
-        once, often = float(np.mean(cells.views == 1)), np.median(cells.views)
-        text = f'{often:.0f} times or more on half of it, ' if often > 1 else ''
-        facts.append(('Places seen', f'{text}once on {100 * once:.0f} %'))
     return facts
 
 
-def _outline(entry: SurveyedDent, mosaic: Mosaic) -> dict[str, Any]:
+def _outline(entry: SurveyedDent | ListedDent, mosaic: Mosaic) -> dict[str, Any]:
     dent = entry.dent
     place = (mosaic.skin.place(dent.closed_outline)[:, :2] - mosaic.low) / PIXEL
     u, v = place[:, 0], mosaic.shape[0] - place[:, 1]

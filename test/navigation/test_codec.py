@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -82,26 +81,20 @@ def test_an_autopilot_that_was_silent_may_begin_anew_and_nobody_else() -> None:
     assert types(codec, signed(at=NOW - 70 * 10**9), later + 2 * 10**9) == []
 
 
-@pytest.mark.parametrize('content', [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b'\n'])
-def test_a_key_is_read(tmp_path: Path, content: bytes) -> None:
-    assert read_key(key_file(tmp_path, content)) == KEY
-
-
-@pytest.mark.parametrize('content', [b'', b'short', KEY + b'1', 64 * b'g', 66 * b'0'])
-def test_what_is_no_key_is_refused(tmp_path: Path, content: bytes) -> None:
-    with pytest.raises(ConfigurationError, match='holds no signing key'):
-        read_key(key_file(tmp_path, content))
-
-
-def test_a_key_that_others_can_read_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match='chmod 600'):
-        read_key(key_file(tmp_path, KEY, 0o644))
-    with pytest.raises(ConfigurationError, match='cannot be read'):
-        read_key(str(tmp_path / 'none'))
-
-
-def key_file(folder: Path, content: Any, mode: int = 0o600) -> str:
+def key_file(folder: Path, content: bytes, mode: int = 0o600) -> str:
     path = folder / 'key'
     path.write_bytes(content)
     path.chmod(mode)
     return str(path)
+
+
+def test_a_key_is_read_as_bytes_or_digits_and_nothing_else(tmp_path: Path) -> None:
+    for content in (KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b'\n'):
+        assert read_key(key_file(tmp_path, content)) == KEY
+    for content in (b'', b'short', KEY + b'1', 64 * b'g', 66 * b'0'):
+        with pytest.raises(ConfigurationError, match='holds no signing key'):
+            read_key(key_file(tmp_path, content))
+    with pytest.raises(ConfigurationError, match='chmod 600'):
+        read_key(key_file(tmp_path, KEY, 0o644))
+    with pytest.raises(ConfigurationError, match='cannot be read'):
+        read_key(str(tmp_path / 'none'))

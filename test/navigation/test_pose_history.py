@@ -53,10 +53,6 @@ class Circle:
         return history
 
 
-def flown(step: int = 20, end: int = 2001) -> PoseHistory:
-    return Circle().feed(PoseHistory(), range(0, end, step), range(0, end, step))
-
-
 def reason_at(history: PoseHistory, stamp: int) -> str:
     with pytest.raises(PoseError) as refusal:
         history.at(stamp)
@@ -64,7 +60,8 @@ def reason_at(history: PoseHistory, stamp: int) -> str:
 
 
 def test_at_50_hz_interpolation_costs_under_2_mm_and_a_twentieth_of_a_degree() -> None:
-    history, circle = flown(), Circle()
+    circle, stamps = Circle(), range(0, 2001, 20)
+    history = circle.feed(PoseHistory(), stamps, stamps)
     for stamp in range(0, 2000 * MS, 3_333_333):
         pose, _ = history.at(stamp)
         assert np.linalg.norm(pose.translation - circle.position(stamp)) < 0.15e-3
@@ -81,26 +78,18 @@ def test_a_change_of_the_quaternions_sign_is_no_motion() -> None:
     assert history.resets == 0
 
 
-def test_nothing_is_extrapolated() -> None:
-    history = flown(end=1001)
-    with pytest.raises(PoseAwaitedError) as newer:
-        history.at(1000 * MS + 1)
-    assert newer.value.reason == 'later sample awaited'
-    assert reason_at(history, -1) == 'too old'
-    only_attitude = Circle().feed(PoseHistory(), range(0, 100, 20), range(0))
-    with pytest.raises(PoseAwaitedError, match='no position') as none:
-        only_attitude.at(50 * MS)
-    assert none.value.reason == 'later sample awaited'
-
-
-def test_nothing_is_interpolated_across_a_gap() -> None:
-    history = PoseHistory(maximum_gap=0.15)
+def test_nothing_is_extrapolated_nor_interpolated_across_a_gap() -> None:
     stamps = [*range(0, 200, 20), *range(360, 600, 20)]  # 180 ms without a sample
-    Circle().feed(history, stamps, stamps)
-    assert reason_at(history, 200 * MS) == 'gap in the samples'
-    assert reason_at(history, 359 * MS) == 'gap in the samples'
+    history = Circle().feed(PoseHistory(maximum_gap=0.15), stamps, stamps)
+    for at, reason in ((-1, 'too old'), (200, 'gap in the samples'), (359, 'gap in the samples')):
+        assert reason_at(history, at * MS) == reason
     assert_allclose(history.at(360 * MS)[0].translation, Circle().position(360 * MS))
     assert history.at(150 * MS) and history.at(400 * MS)
+    only_attitude = Circle().feed(PoseHistory(), range(0, 100, 20), range(0))
+    for none, at in ((history, 580 * MS + 1), (only_attitude, 50 * MS)):
+        with pytest.raises(PoseAwaitedError, match='no ') as awaited:
+            none.at(at)
+        assert awaited.value.reason == 'later sample awaited'
 
 
 def test_a_yaw_reset_is_seen_and_not_interpolated_across() -> None:

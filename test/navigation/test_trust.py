@@ -50,11 +50,12 @@ def refusal(world: World, stamp: int) -> str:
         ({'fix_type': 2}, 'GPS lost'),
         ({'satellites_visible': 5}, 'GPS too poor'),
         ({'h_acc': 7000}, 'GPS too poor'),
+        (None, 'GPS not reported'),  # the last fix once more
     ],
 )
 def test_a_lost_gps_is_refused_at_once_though_the_estimator_says_ready(gps, reason) -> None:
     world = World().run(5)
-    world.gps = gps
+    world.gps, world.fixes = gps or {}, gps is not None
     given, reasons = first_refused(world)
     assert given < 0.25
     assert reasons == {reason}
@@ -62,19 +63,10 @@ def test_a_lost_gps_is_refused_at_once_though_the_estimator_says_ready(gps, reas
     count = len(world.poses)
     world.run(1)
     assert len(world.poses) == count  # nor are they streamed
-    world.gps = {}
+    world.gps, world.fixes = {}, True
     world.run(1)
     assert world.pose_at(0.4)
     assert world.verdict() == 'believing the autopilot 1/1'
-
-
-def test_a_gps_that_repeats_its_last_fix_is_lost() -> None:
-    world = World().run(5)
-    world.fixes = False
-    given, reasons = first_refused(world)
-    assert given < 0.25
-    assert reasons == {'GPS not reported'}
-    assert 'the autopilot did not report a new fix of GPS' in world.verdict()
 
 
 def test_without_gps_a_vehicle_has_to_say_so() -> None:

@@ -11,7 +11,7 @@ from ftp_dent_ros.survey.comparison import chart_csv, compare, comparison_page
 from ftp_dent_ros.survey.matching import NoMatchError, match
 from ftp_dent_ros.survey.result import CoverageCells
 
-NOWHERE = CoverageCells(0.01, np.zeros((1, 3), np.float32), *np.full((2, 1), np.nan))
+NOWHERE = CoverageCells(0.01, np.zeros((1, 3), np.float32), np.full(1, np.nan))
 EXPECTED = {GROWN: 'grown', REPAIRED: 'repaired', NEW: 'new', UNSEEN: 'not seen'}
 
 

@@ -15,8 +15,8 @@ from ftp_dent_ros.survey.joining import Joining
 HALF_S = 500_000_000
 
 
-def joined(skin, poses, stated, remark=lambda text: None):
-    joining = Joining(remark)
+def joined(skin, poses, stated):
+    joining = Joining()
     for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
         covariance = None if said is None else STATED
         joining.add(index * HALF_S, skin.seen(pose, index), said, covariance)
@@ -42,13 +42,13 @@ def relative_errors(graph, poses):
 
 @pytest.fixture(scope='module')
 def strip():
-    skin, remarks = FlownSkin(11), []
+    skin = FlownSkin(11)
     poses = list(skin.flight(6))
-    return poses, joined(skin, poses, erring(poses, 11), remark=remarks.append), remarks
+    return poses, joined(skin, poses, erring(poses, 11))
 
 
 def test_clouds_agree_with_each_other_though_the_autopilot_does_not(strip):
-    poses, joining, _ = strip
+    poses, joining = strip
     stated = [node.stated for node in joining.graph.nodes]
     assert farthest(stated, poses) > 0.02
     assert relative_errors(joining.graph, poses).max() < 0.6
@@ -56,7 +56,7 @@ def test_clouds_agree_with_each_other_though_the_autopilot_does_not(strip):
 
 
 def test_what_is_stated_of_poses_holds(strip):
-    poses, joining, _ = strip
+    poses, joining = strip
     errors = []
     for found, true in zip(joining.graph.poses, poses, strict=True):
         turn = (found.rotation * true.rotation.inv()).as_rotvec()
@@ -69,7 +69,7 @@ def test_what_is_stated_of_poses_holds(strip):
 
 
 def test_a_pair_that_contradicts_the_others_is_left_out_and_told(strip):
-    _, joining, remarks = strip
+    _, joining = strip
     before = list(joining.graph.poses)
     graph = joining.graph
     forced = next(link for link in graph.links if (link.first, link.second) == (3, 4))
@@ -80,7 +80,7 @@ def test_a_pair_that_contradicts_the_others_is_left_out_and_told(strip):
     )
     joining.finish()
     assert len(graph.left_out) == 1
-    assert any('contradicts the others' in text for text in remarks)
+    assert any('contradicts the others' in text for text in joining.remarks)
     assert farthest(graph.poses, before) < 5e-4, 'the map is not bent'
     graph.links[:] = kept
     joining.finish()

@@ -26,7 +26,7 @@ def survey(name='2026-03', taken_ns=5):
         taken_ns,
         'map',
         dents,
-        CoverageCells(0.01, cells, cells[:, 0], np.arange(4)),
+        CoverageCells(0.01, cells, cells[:, 0]),
         SmallestDent(2e-4),
         'abc',
         'ftp_dent_ros 0.1.0',
@@ -48,7 +48,7 @@ def test_a_survey_comes_back_as_it_was(tmp_path):
     (one, none), (written_one, _) = read.dents, written.dents
     assert none.relief is None and one.relief.spacing == written_one.relief.spacing
     np.testing.assert_array_equal(one.relief.heights, written_one.relief.heights)
-    for name in ('positions', 'findable', 'views'):
+    for name in ('positions', 'findable'):
         np.testing.assert_array_equal(
             getattr(read.coverage, name), getattr(written.coverage, name)
         )

@@ -131,29 +131,23 @@ def test_what_a_bag_lacks_is_told_or_it_is_refused(tmp_path, skin, capsys):
     assert 'has neither poses nor images of the skin' in capsys.readouterr().err
 
 
-def test_flights_that_share_no_skin_are_told(tmp_path, skin):
+@pytest.mark.parametrize('placed', ['both', 'near', 'none'])
+def test_flights_that_share_no_skin_lie_where_the_autopilot_says_or_are_refused(
+    tmp_path, skin, capsys, placed
+):
     bags = []
-    for number, start in enumerate((0.0, 0.9)):
+    for number, (name, start) in enumerate((('near', 0.0), ('far', 0.9))):
         poses = list(skin.flight(2, start=start))
-        folder = tmp_path / f'flight{number}'
+        said = erring(poses, number) if placed in ('both', name) else [None] * 2
         start_ns = START_NS + number * 1000 * SECOND
-        bags.append(str(record(folder, skin, poses, erring(poses, number), (), start_ns)))
-    assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 0
-    remarks = json.loads((tmp_path / 'out' / 'survey.json').read_text())['remarks']
-    assert any('not one skin but 2 parts' in text for text in remarks)
-    assert any('only the autopilot tells how these lie' in text for text in remarks)
-
-
-@pytest.mark.parametrize('first', ['placed', 'adrift'])
-def test_a_bag_that_nothing_places_is_refused(tmp_path, skin, capsys, first):
-    near, far = list(skin.flight(2)), list(skin.flight(2, start=0.9))
-    said = near if first == 'placed' else [None] * 2
-    bags = [
-        str(record(tmp_path / 'near', skin, near, said)),
-        str(record(tmp_path / 'far', skin, far, [None] * 2, (), START_NS + 1000 * SECOND)),
-    ]
-    assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 2
-    assert 'far: has no poses, and shares no skin' in capsys.readouterr().err
+        bags.append(str(record(tmp_path / name, skin, poses, said, (), start_ns)))
+    status = main(['survey', *bags, '--output', str(tmp_path / 'out')])
+    if placed == 'both':
+        remarks = ' '.join(json.loads((tmp_path / 'out/survey.json').read_text())['remarks'])
+        assert status == 0 and 'not one skin but 2 parts' in remarks
+        assert 'only the autopilot tells how these lie' in remarks
+        return
+    assert status == 2 and 'far: has no poses, and shares no skin' in capsys.readouterr().err
     assert main(['survey', bags[1], '--output', str(tmp_path / 'out')]) == 0
 
 
