@@ -200,7 +200,7 @@ def beside(centre, axis, degrees):
         (dataclasses.replace(RIG, translation=1e-3 * RIG.translation), 'baseline of 0.000247'),
         (dataclasses.replace(RIG, camera=with_matrix(RIG.camera, f_x=8.0, f_y=8.0)), 'in pixels'),
         (dataclasses.replace(RIG, projector=with_matrix(RIG.projector, f_x=1e6)), 'in pixels'),
-        (dataclasses.replace(RIG, camera=with_matrix(RIG.camera, f_y=500.0)), 'far from each'),
+        (dataclasses.replace(RIG, camera=with_matrix(RIG.camera, f_y=500.0)), 'focal lengths 1702'),
         (dataclasses.replace(RIG, camera=with_matrix(RIG.camera, c_x=-9e3)), 'principal point'),
         (beside((0.25, 0, 0), 'y', 180), 'turn the projector away'),
         (beside((0.25, 0, 0), 'y', -60), 'turn the projector away'),

@@ -16,6 +16,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 from typing import Any
 
@@ -209,20 +210,11 @@ def turned(rig: Rig, turn: NDArray) -> Rig:
     return replace(rig, rotation=by @ rig.rotation, translation=by @ rig.translation)
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """Residuals of one kind: their standard deviation at first, and how it is estimated."""
-
-    first: float
-    spread: Callable[[NDArray], float] | None = None
-
-
-#: Residuals of each kind, which show the turn, of a rig and the other unknowns.
-_Misfit = Callable[[Rig, NDArray], list[NDArray]]
-
-
 def _fitted(
-    rig: Rig, misfit: _Misfit, start: NDArray, kinds: list[_Kind]
+    rig: Rig,
+    misfit: Callable[[Rig, NDArray], list[NDArray]],
+    start: NDArray,
+    kinds: list[tuple[float, Callable[[NDArray], float]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Robust least squares of residuals of several kinds, each as good as it turns out to be.
 
@@ -230,9 +222,12 @@ def _fitted(
     ----------
     rig : Rig
     misfit : callable
+        Residuals of each kind, of a rig and the unknowns beside the turn; at last those whose
+        standard deviation is 1.
     start : ndarray
         Of the unknowns beside the turn.
-    kinds : list of _Kind
+    kinds : list of (float, callable)
+        Standard deviation of each kind at first, and how it is estimated of residuals.
 
     Returns
     -------
@@ -241,23 +236,19 @@ def _fitted(
     covariance : ndarray, shape (3, 3)
         Of the turn.
     """
-    deviations = [kind.first for kind in kinds]
+    deviations = [first for first, _ in kinds]
     unknowns = np.concatenate([np.zeros(3), start])
 
-    def each(unknowns: NDArray) -> list[NDArray]:
-        return misfit(turned(rig, unknowns[:3]), unknowns[3:])
-
     def weighted(unknowns: NDArray) -> NDArray[np.float64]:
-        off = zip(each(unknowns), deviations, strict=True)
-        return np.concatenate([unknowns[:3] / _ANY_TURN, *(part / spread for part, spread in off)])
+        off = misfit(turned(rig, unknowns[:3]), unknowns[3:])
+        scaled = [part / spread for part, spread in zip(off, [*deviations, 1.0], strict=True)]
+        return np.concatenate([unknowns[:3] / _ANY_TURN, *scaled])
 
     for _ in range(3):
         found = least_squares(weighted, unknowns, x_scale='jac', loss='soft_l1', f_scale=2.0)
         unknowns = found.x
-        deviations = [
-            kind.spread(off) if kind.spread else kind.first
-            for kind, off in zip(kinds, each(unknowns), strict=True)
-        ]
+        off = misfit(turned(rig, unknowns[:3]), unknowns[3:])
+        deviations = [spread(part) for (_, spread), part in zip(kinds, off, strict=False)]
     return unknowns, inverse_of(found.jac.T @ found.jac)[:3, :3]
 
 
@@ -344,9 +335,11 @@ def _turn(
     def on_wall(by: Rig, unknowns: NDArray) -> list[NDArray]:
         points = rays / (_inverse_depth(rays) @ unknowns[1:])[:, None]
         off = by.projector.project(by.to_projector(points))[:, 0] - columns
-        return [*misfit(by, unknowns), off, unknowns[4:] * (distance * reach) ** 2 / flatness]
+        *rim, known = misfit(by, unknowns)
+        bend = unknowns[4:] * (distance * reach) ** 2 / flatness
+        return [*rim, off, np.concatenate([known, bend])]
 
-    kinds = [_Kind(_RIM[0], lambda off: scatter(off, _RIM[1]))] * len(rims) + [_Kind(1.0)]
+    kinds = [(_RIM[0], partial(scatter, least=_RIM[1]))] * len(rims)
     if not np.isfinite(flatness):
         found, covariance = _fitted(rig, misfit, np.zeros(1), kinds)
     else:
@@ -354,7 +347,7 @@ def _turn(
         depth = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation) / distance**2
         # Neighbours err together: as if there were a tenth as many.
         noise = np.sqrt(10) * float(np.hypot(_FRINGES[0], min(5e-5, flatness) * depth))
-        kinds += [_Kind(noise), _Kind(1.0)]
+        kinds.append((noise, lambda _: noise))
         found, covariance = _fitted(rig, on_wall, np.concatenate([[0.0], shape]), kinds)
     return found[:3], covariance, len(rows)
 
@@ -485,16 +478,11 @@ def check_by_board(
         prior = [(scale - 1) / 3e-4, *unknowns[7:] / flatness]
         return [off[:, 0], off[:, 1], pixel - columns, np.array(prior)]
 
-    def corner_noise(off: NDArray) -> float:
-        grid = np.full(len(known), np.nan)
-        grid[known] = off
-        return _corner_noise(grid.reshape(board.rows, board.columns))
-
-    corner = _Kind(_CORNERS[0], corner_noise)
-    fringes = _Kind(_FRINGES[0], lambda off: scatter(off, _FRINGES[1]))
+    corner = _CORNERS[0], partial(_corner_noise, known.reshape(board.rows, board.columns))
+    fringes = _FRINGES[0], partial(scatter, least=_FRINGES[1])
     turn, shift = board_pose(rig, board.points[known], corners)
     start = np.concatenate([turn.as_rotvec(), shift, [1.0], np.zeros(3)])
-    found, covariance = _fitted(rig, misfit, start, [corner, corner, fringes, _Kind(1.0)])
+    found, covariance = _fitted(rig, misfit, start, [corner, corner, fringes])
     # A lens that has changed moves most corners, a shadow or the frame's rim a few: the nearest of
     # them tell, which are this part of the mean square of normally distributed vectors in the
     # plane: 1 - q exp(-q) / (1 - exp(-q)), with q = ln 5.
@@ -504,14 +492,14 @@ def check_by_board(
     return judged(rig, pattern, found[:3], covariance, middle, camera_px=camera_px)
 
 
-def _corner_noise(off: NDArray) -> float:
-    """Of residuals (rows, columns) as if they were independent: edges along fringes err alike.
+def _corner_noise(seen: NDArray[np.bool_], residuals: NDArray) -> float:
+    """Of residuals of the corners seen, of (rows, columns), as if they were independent: edges along fringes err alike.
 
     The variance of a mean of residuals that fade with the distance by a factor r a corner is
     (1 + r) / (1 - r) times as large along each axis.
     """
-    spread = scatter(off[np.isfinite(off)], _CORNERS[1])
-    off = np.clip(off, -3 * spread, 3 * spread)
+    spread, off = scatter(residuals, _CORNERS[1]), np.full(seen.shape, np.nan)
+    off[seen] = np.clip(residuals, -3 * spread, 3 * spread)
     factor = 1.0
     for first, second in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1])):
         ratio = np.nanmean(first * second) / np.nanmean(off**2)
@@ -563,7 +551,7 @@ def answer() -> None:
     """Check what comes in on the standard input; what is found, or why not, goes out."""
     # The last priority there is: photographs go first.
     os.nice(19)
-    found: Check | CalibrationError
+    found: Any = None
     try:
         found = check(*pickle.load(sys.stdin.buffer))
     except CalibrationError as reason:

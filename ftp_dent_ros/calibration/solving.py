@@ -67,32 +67,32 @@ def select(estimate: Adjustment, progress: Callable[[str], None]) -> Model:
     return best
 
 
-def folds(count: int, wanted: int = 4) -> list[NDArray[np.intp]]:
-    """Indices of the poses held out in turn; none if too few would be left."""
-    for parts in range(min(wanted, count), count + 1):
-        # Fewer poses than three left for fitting do not hold a rig down.
-        if count - -(-count // parts) >= 3:
-            return [np.arange(first, count, parts) for first in range(parts)]
-    return []
-
-
 def held_out_score(estimate: Adjustment, candidate: Model) -> float:
     """Mean squared residual of poses that a candidate was not fitted to, over its variance."""
-    parts = folds(len(estimate.poses))
-    if not parts:
+    seen = held_out(estimate, candidate, 4)
+    if not seen:
         return 0.0
-    residuals = [held_out(estimate, candidate, out).residuals for out in parts]
-    off = np.concatenate(residuals) / np.repeat(np.array(estimate.deviations), 2)
+    residuals = np.concatenate([each.residuals for each in seen])
+    off = residuals / np.repeat(np.array(estimate.deviations), 2)
     # Gross errors must not decide, standard deviations.
     return float(np.nanmean(np.square(np.clip(off, -3, 3))))
 
 
-def held_out(estimate: Adjustment, candidate: Model, out: NDArray[np.intp]) -> Adjustment:
-    """The poses `out` with a rig of the others: only where the board was is estimated of them."""
-    kept = np.setdiff1d(np.arange(len(estimate.poses)), out)
-    fitted = adjust(estimate.of_poses(kept), candidate, _TOLERANCE)
-    start = replace(estimate.of_poses(out), rig=fitted.rig, bend=fitted.bend)
-    return adjust(start, None, _TOLERANCE)
+def held_out(estimate: Adjustment, candidate: Model, wanted: int) -> list[Adjustment]:
+    """Each part of the poses with a rig of the others, by which only the board's places are told.
+
+    There are as many parts as wanted or, of few poses, more; none if too few would be left.
+    """
+    count, found = len(estimate.poses), []
+    # Fewer poses than three left for fitting do not hold a rig down.
+    enough = (parts for parts in range(wanted, count + 1) if count - -(-count // parts) >= 3)
+    parts = next(enough, 0)
+    for first in range(parts):
+        out = np.arange(count) % parts == first
+        fitted = adjust(estimate.of_poses(np.flatnonzero(~out)), candidate, _TOLERANCE)
+        start = replace(estimate.of_poses(np.flatnonzero(out)), rig=fitted.rig, bend=fitted.bend)
+        found.append(adjust(start, None, _TOLERANCE))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +120,7 @@ class HeldOut:
 def hold_out(estimate: Adjustment, model: Model) -> HeldOut | None:
     """Fit to each half of the poses and look at the other; None if there are too few."""
     residuals, stereo, errors, places = [], [], [], []
-    for out in folds(len(estimate.poses), 2):
-        seen = held_out(estimate, model, out)
+    for seen in held_out(estimate, model, 2):
         residuals.append(seen.residuals)
         rig = seen.rig
         found = camera_alone(replace(seen, bend=estimate.bend)).points()

@@ -10,6 +10,8 @@ from __future__ import annotations
 import bisect
 import time
 from collections.abc import Callable
+from dataclasses import asdict
+from operator import itemgetter
 
 from ftp_dent_ros.errors import NoPatternError, PatternChangeError
 from ftp_dent_ros.pattern.pattern import Pattern
@@ -46,7 +48,7 @@ class PatternHistory:
     def add(self, stamp_ns: int, pattern: Pattern) -> None:
         """Remember that `pattern` is shown from a time on, in whatever order they come."""
         others = [entry for entry in self._shown if entry[1] != stamp_ns]
-        bisect.insort(others, (self._steady(stamp_ns), stamp_ns, pattern), key=_time)
+        bisect.insort(others, (self._steady(stamp_ns), stamp_ns, pattern), key=itemgetter(0))
         # Far more than change while a photograph is on its way.
         self._shown = others[-64:]
         self.trouble = ''
@@ -99,7 +101,7 @@ class PatternHistory:
                     f'within {self.settling_ns / 1e6:.0f} ms of that it may show either: '
                     'take photographs later'
                 )
-        return shown[bisect.bisect_right(shown, time_ns, key=_time) - 1][2]
+        return shown[bisect.bisect_right(shown, time_ns, key=itemgetter(0)) - 1][2]
 
     def _steady(self, stamp_ns: int) -> int:
         """A stamp of now by the steady clock; what clocks drift by is no step."""
@@ -109,22 +111,14 @@ class PatternHistory:
         return stamp_ns - self._offset_ns
 
 
-def _time(entry: tuple[int, int, Pattern]) -> int:
-    return entry[0]
-
-
 def _described(old: Pattern | None, new: Pattern) -> str:
     """What changed between two patterns, with the numbers of both."""
     if old is None:
         return 'the first pattern that is known'
-    if old.period_px != new.period_px:
-        return f'the period changed from {old.period_px:g} to {new.period_px:g} px'
-    if old.stripe_center_px != new.stripe_center_px:
-        return f'the stripe moved from {old.stripe_center_px:g} to {new.stripe_center_px:g} px'
-    if (old.code, old.low_contrast) != (new.code, new.low_contrast):
-        return f'the code changed from {_coded(old)} to {_coded(new)}'
-    return f'the size changed from {old.width}x{old.height} to {new.width}x{new.height} px'
-
-
-def _coded(pattern: Pattern) -> str:
-    return f'{pattern.code} {pattern.low_contrast:g}' if pattern.code == 'contrast' else 'a stripe'
+    after = asdict(new)
+    changed = (
+        f'{name} from {value} to {after[name]}'
+        for name, value in asdict(old).items()
+        if value != after[name]
+    )
+    return f'the pattern changed ({", ".join(changed)})'

@@ -24,9 +24,6 @@ from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.yaml_file import read_yaml
 
 _BLOCKS = ('camera', 'projector', 'extrinsics')
-# Of a camera matrix all but focal lengths and principal point.
-_REST = [0, 0, 0, 0, 1]
-
 # A level of 12 bits each.
 _MOST_RESPONSE = 4096
 
@@ -87,6 +84,11 @@ class Lens:
         """Centres (u, v) of every `stride`-th pixel, shape (rows, columns, 2)."""
         u, v = np.meshgrid(np.arange(0, self.width, stride), np.arange(0, self.height, stride))
         return np.stack([u, v], axis=-1).astype(float)
+
+    def sample_grid(self, columns: int, rows: int) -> NDArray[np.float64]:
+        """Pixels (u, v) from corner to corner of the image, shape (rows, columns, 2)."""
+        u, v = np.linspace(0, self.width - 1, columns), np.linspace(0, self.height - 1, rows)
+        return np.stack(np.meshgrid(u, v), axis=-1)
 
     def _distort(self, ideal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Distorted coordinates of shape (..., 2) and their Jacobian of shape (..., 2, 2)."""
@@ -266,9 +268,8 @@ def _lens(fields: Fields, block: str) -> Lens:
         fields.block('distortion_coefficients').as_matrix(1, 5)[0],
     )
     matrix = lens.camera_matrix
-    if (matrix[[0, 1], [0, 1]] <= 0).any() or (
-        matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] != _REST
-    ).any():
+    rest = matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]].tolist()
+    if (matrix[[0, 1], [0, 1]] <= 0).any() or rest != [0, 0, 0, 0, 1]:
         raise RigError(
             f'{block}.camera_matrix is not [f_x, 0, c_x, 0, f_y, c_y, 0, 0, 1] with positive '
             'focal lengths: calibrate again'
@@ -279,9 +280,7 @@ def _lens(fields: Fields, block: str) -> Lens:
 
 def _refuse_folding(lens: Lens, block: str) -> None:
     """Refuse a distortion that maps two rays to one pixel inside the image."""
-    edge = np.linspace(0, 1, 33)
-    u, v = np.meshgrid(edge * (lens.width - 1), edge * (lens.height - 1))
-    pixels = np.stack([u, v], axis=-1)
+    pixels = lens.sample_grid(33, 33)
     with np.errstate(all='ignore'):
         rays = lens.rays(pixels)
         _, jacobian = lens._distort(rays[..., :2])
