@@ -311,8 +311,7 @@ def covariance(estimate: Adjustment, model: Model) -> NDArray[np.float64]:
     active = problem.active[:_COMMON]
     result = np.zeros((_COMMON, _COMMON))
     result[np.ix_(active, active)] = variance * spread * inverse
-    for index in _PRINCIPAL_POINTS:
-        result[index, index] += _BIAS**2
+    result[_PRINCIPAL_POINTS, _PRINCIPAL_POINTS] += _BIAS**2
     return result[:RIG, :RIG]
 
 

@@ -16,7 +16,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import compress
 from typing import Any
 
@@ -210,11 +209,16 @@ def turned(rig: Rig, turn: NDArray) -> Rig:
     return replace(rig, rotation=by @ rig.rotation, translation=by @ rig.translation)
 
 
+#: Of residuals of one kind: their standard deviation at first, and how it is estimated then.
+_Kind = tuple[float, Callable[[NDArray], float]]
+#: A prior's, which are in standard deviations.
+_PRIOR: _Kind = 1.0, lambda off: 1.0
+#: Residuals of each kind, which show the turn, of a rig and the other unknowns.
+_Misfit = Callable[[Rig, NDArray], list[NDArray]]
+
+
 def _fitted(
-    rig: Rig,
-    misfit: Callable[[Rig, NDArray], list[NDArray]],
-    start: NDArray,
-    kinds: list[tuple[float, Callable[[NDArray], float]]],
+    rig: Rig, misfit: _Misfit, start: NDArray, kinds: list[_Kind]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Robust least squares of residuals of several kinds, each as good as it turns out to be.
 
@@ -222,12 +226,9 @@ def _fitted(
     ----------
     rig : Rig
     misfit : callable
-        Residuals of each kind, of a rig and the unknowns beside the turn; at last those whose
-        standard deviation is 1.
     start : ndarray
         Of the unknowns beside the turn.
-    kinds : list of (float, callable)
-        Standard deviation of each kind at first, and how it is estimated of residuals.
+    kinds : list of _Kind
 
     Returns
     -------
@@ -239,16 +240,18 @@ def _fitted(
     deviations = [first for first, _ in kinds]
     unknowns = np.concatenate([np.zeros(3), start])
 
+    def each(unknowns: NDArray) -> list[NDArray]:
+        return misfit(turned(rig, unknowns[:3]), unknowns[3:])
+
     def weighted(unknowns: NDArray) -> NDArray[np.float64]:
-        off = misfit(turned(rig, unknowns[:3]), unknowns[3:])
-        scaled = [part / spread for part, spread in zip(off, [*deviations, 1.0], strict=True)]
-        return np.concatenate([unknowns[:3] / _ANY_TURN, *scaled])
+        off = zip(each(unknowns), deviations, strict=True)
+        return np.concatenate([unknowns[:3] / _ANY_TURN, *(part / spread for part, spread in off)])
 
     for _ in range(3):
         found = least_squares(weighted, unknowns, x_scale='jac', loss='soft_l1', f_scale=2.0)
         unknowns = found.x
-        off = misfit(turned(rig, unknowns[:3]), unknowns[3:])
-        deviations = [spread(part) for (_, spread), part in zip(kinds, off, strict=False)]
+        parts = zip(kinds, each(unknowns), strict=True)
+        deviations = [spread(off) for (_, spread), off in parts]
     return unknowns, inverse_of(found.jac.T @ found.jac)[:3, :3]
 
 
@@ -335,11 +338,9 @@ def _turn(
     def on_wall(by: Rig, unknowns: NDArray) -> list[NDArray]:
         points = rays / (_inverse_depth(rays) @ unknowns[1:])[:, None]
         off = by.projector.project(by.to_projector(points))[:, 0] - columns
-        *rim, known = misfit(by, unknowns)
-        bend = unknowns[4:] * (distance * reach) ** 2 / flatness
-        return [*rim, off, np.concatenate([known, bend])]
+        return [*misfit(by, unknowns), off, unknowns[4:] * (distance * reach) ** 2 / flatness]
 
-    kinds = [(_RIM[0], partial(scatter, least=_RIM[1]))] * len(rims)
+    kinds: list[_Kind] = [(_RIM[0], lambda off: scatter(off, _RIM[1]))] * len(rims) + [_PRIOR]
     if not np.isfinite(flatness):
         found, covariance = _fitted(rig, misfit, np.zeros(1), kinds)
     else:
@@ -347,7 +348,7 @@ def _turn(
         depth = rig.projector.camera_matrix[0, 0] * np.linalg.norm(rig.translation) / distance**2
         # Neighbours err together: as if there were a tenth as many.
         noise = np.sqrt(10) * float(np.hypot(_FRINGES[0], min(5e-5, flatness) * depth))
-        kinds.append((noise, lambda _: noise))
+        kinds += [(noise, lambda off: noise), _PRIOR]
         found, covariance = _fitted(rig, on_wall, np.concatenate([[0.0], shape]), kinds)
     return found[:3], covariance, len(rows)
 
@@ -478,11 +479,16 @@ def check_by_board(
         prior = [(scale - 1) / 3e-4, *unknowns[7:] / flatness]
         return [off[:, 0], off[:, 1], pixel - columns, np.array(prior)]
 
-    corner = _CORNERS[0], partial(_corner_noise, known.reshape(board.rows, board.columns))
-    fringes = _FRINGES[0], partial(scatter, least=_FRINGES[1])
+    def corner_noise(off: NDArray) -> float:
+        grid = np.full(len(known), np.nan)
+        grid[known] = off
+        return _corner_noise(grid.reshape(board.rows, board.columns))
+
+    corner = _CORNERS[0], corner_noise
+    fringes: _Kind = _FRINGES[0], lambda off: scatter(off, _FRINGES[1])
     turn, shift = board_pose(rig, board.points[known], corners)
     start = np.concatenate([turn.as_rotvec(), shift, [1.0], np.zeros(3)])
-    found, covariance = _fitted(rig, misfit, start, [corner, corner, fringes])
+    found, covariance = _fitted(rig, misfit, start, [corner, corner, fringes, _PRIOR])
     # A lens that has changed moves most corners, a shadow or the frame's rim a few: the nearest of
     # them tell, which are this part of the mean square of normally distributed vectors in the
     # plane: 1 - q exp(-q) / (1 - exp(-q)), with q = ln 5.
@@ -492,14 +498,14 @@ def check_by_board(
     return judged(rig, pattern, found[:3], covariance, middle, camera_px=camera_px)
 
 
-def _corner_noise(seen: NDArray[np.bool_], residuals: NDArray) -> float:
-    """Of residuals of the corners seen, of (rows, columns), as if they were independent: edges along fringes err alike.
+def _corner_noise(off: NDArray) -> float:
+    """Of residuals (rows, columns) as if they were independent: edges along fringes err alike.
 
     The variance of a mean of residuals that fade with the distance by a factor r a corner is
     (1 + r) / (1 - r) times as large along each axis.
     """
-    spread, off = scatter(residuals, _CORNERS[1]), np.full(seen.shape, np.nan)
-    off[seen] = np.clip(residuals, -3 * spread, 3 * spread)
+    spread = scatter(off[np.isfinite(off)], _CORNERS[1])
+    off = np.clip(off, -3 * spread, 3 * spread)
     factor = 1.0
     for first, second in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1])):
         ratio = np.nanmean(first * second) / np.nanmean(off**2)
@@ -551,7 +557,7 @@ def answer() -> None:
     """Check what comes in on the standard input; what is found, or why not, goes out."""
     # The last priority there is: photographs go first.
     os.nice(19)
-    found: Any = None
+    found: Check | CalibrationError
     try:
         found = check(*pickle.load(sys.stdin.buffer))
     except CalibrationError as reason:

@@ -136,7 +136,7 @@ def read_session(folder: Path) -> Session:
 
 
 def see_poses(
-    folder: Path, session: Session, progress: Callable[[str], None] = lambda name: None
+    folder: Path, session: Session, progress: Callable[[], object] = lambda: None
 ) -> tuple[list[BoardSight], list[str], tuple[int, int]]:
     """Read all poses of a folder.
 
@@ -166,7 +166,7 @@ def see_poses(
             sights.append(observe(name, taken, session.sequence, session.board))
         except (CalibrationError, ImageError) as reason:
             left_out.append(str(reason))
-        progress(name)
+        progress()
     if len(sizes) > 1:
         listed = ', '.join(f'{w}x{h} ({name})' for (w, h), name in sizes.items())
         raise CalibrationError(f'{folder}: photographs of different sizes: {listed}')

@@ -43,7 +43,7 @@ _TRIED: dict[str, Iterable[int]] = {
 STEPS = 5 + sum(len(tuple(values)) - 1 for values in _TRIED.values())
 
 
-def select(estimate: Adjustment, progress: Callable[[str], None]) -> Model:
+def select(estimate: Adjustment, progress: Callable[[], object]) -> Model:
     """Choose distortion terms, and whether the board is bent, by cross-validation.
 
     Parameters
@@ -57,7 +57,7 @@ def select(estimate: Adjustment, progress: Callable[[str], None]) -> Model:
     @cache
     def score(candidate: Model) -> float:
         found = held_out_score(estimate, candidate)
-        progress(f'{candidate.camera}+{candidate.projector} terms')
+        progress()
         return found
 
     best = Model()
@@ -235,7 +235,7 @@ def solve(
     projector_size: tuple[int, int],
     baseline: float = 0.0,
     model: Model | None = None,
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[], object] = lambda: None,
 ) -> Solution:
     """Calibrate a rig.
 
@@ -260,18 +260,18 @@ def solve(
         The observations give no rig; the message says what is wrong with them.
     """
     start = first_rig(observations, board.points, camera_size, projector_size)
-    progress('start')
+    progress()
     estimate, excluded = without_bad_poses(adjust(start, Model()))
-    progress('all poses')
+    progress()
     refuse_hopeless(estimate)
     refuse_wrong_scale(estimate.rig, baseline)
     model = model or select(estimate, progress)
     estimate = adjust(replace(estimate, deviations=None), model)
-    progress('final')
+    progress()
     known = covariance(estimate, model)
     _refuse_unknown(estimate, known)
     checked = hold_out(estimate, model)
-    progress('held out')
+    progress()
     rig = replace(estimate.rig, record=_record(estimate, known, board, checked))
     remarks = _remarks(estimate, baseline, checked)
     return Solution(rig, estimate, model, checked, excluded, remarks)

@@ -177,12 +177,7 @@ def _coded_fringes(
         code = np.where(sequence, 1, low_contrast)[order - first + lead & _LAST]
         even = half + (level - half) / code
         fringes = _fit_fringes(u, even, centre)
-        cosine = np.cos(2 * np.pi / fringes[0] * (u - fringes[1]))
-        low, full = (
-            ((level - half) * cosine)[chosen].sum() / np.square(cosine[chosen]).sum()
-            for chosen in (code < 1, code == 1)
-        )
-        found.append((fringes, round(float(low / full), 2)))
+        found.append((fringes, round(float(low_contrast), 2)))
     return found
 
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 import bisect
 import time
 from collections.abc import Callable
-from dataclasses import asdict
-from operator import itemgetter
 
 from ftp_dent_ros.errors import NoPatternError, PatternChangeError
 from ftp_dent_ros.pattern.pattern import Pattern
@@ -48,7 +46,7 @@ class PatternHistory:
     def add(self, stamp_ns: int, pattern: Pattern) -> None:
         """Remember that `pattern` is shown from a time on, in whatever order they come."""
         others = [entry for entry in self._shown if entry[1] != stamp_ns]
-        bisect.insort(others, (self._steady(stamp_ns), stamp_ns, pattern), key=itemgetter(0))
+        bisect.insort(others, (self._steady(stamp_ns), stamp_ns, pattern), key=_time)
         # Far more than change while a photograph is on its way.
         self._shown = others[-64:]
         self.trouble = ''
@@ -90,10 +88,8 @@ class PatternHistory:
             )
         for change in range(len(shown)):
             away_ns = time_ns - shown[change][0]
-            if abs(away_ns) >= self.settling_ns:
-                continue
             old = shown[change - 1][2] if change else None
-            if old != shown[change][2]:
+            if abs(away_ns) < self.settling_ns and old != shown[change][2]:
                 side = 'before' if away_ns < 0 else 'after'
                 raise PatternChangeError(
                     f'the photograph was taken {abs(away_ns) / 1e6:.0f} ms '
@@ -101,7 +97,7 @@ class PatternHistory:
                     f'within {self.settling_ns / 1e6:.0f} ms of that it may show either: '
                     'take photographs later'
                 )
-        return shown[bisect.bisect_right(shown, time_ns, key=itemgetter(0)) - 1][2]
+        return shown[bisect.bisect_right(shown, time_ns, key=_time) - 1][2]
 
     def _steady(self, stamp_ns: int) -> int:
         """A stamp of now by the steady clock; what clocks drift by is no step."""
@@ -111,14 +107,14 @@ class PatternHistory:
         return stamp_ns - self._offset_ns
 
 
+def _time(entry: tuple[int, int, Pattern]) -> int:
+    return entry[0]
+
+
 def _described(old: Pattern | None, new: Pattern) -> str:
-    """What changed between two patterns, with the numbers of both."""
+    """What changed between two patterns."""
     if old is None:
         return 'the first pattern that is known'
-    after = asdict(new)
-    changed = (
-        f'{name} from {value} to {after[name]}'
-        for name, value in asdict(old).items()
-        if value != after[name]
-    )
-    return f'the pattern changed ({", ".join(changed)})'
+    if old.period_px != new.period_px:
+        return f'the period changed from {old.period_px:g} to {new.period_px:g} px'
+    return 'the pattern changed'

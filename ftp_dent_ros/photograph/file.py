@@ -64,20 +64,16 @@ def photograph_of_bgr(image: NDArray, encoding: str, where: str) -> Photograph:
             'or three colours: save it as PNG or TIFF of such'
         )
     known = Encoding.named(encoding) if encoding else None
-    if known and known.coloured != (levels > 1):
+    bits = 8 * image.dtype.itemsize
+    if known and (known.coloured != (levels > 1) or known.bits > bits):
         raise ImageError(
-            f'{where}: has {"one level" if levels == 1 else "three levels"} a pixel, which is '
-            f'not {encoding}: correct the encoding'
+            f'{where}: has {"one level" if levels == 1 else "three levels"} of {bits} bits a '
+            f'pixel, which is not {encoding}: correct the encoding'
         )
-    if known and known.bits > 8 * image.dtype.itemsize:
-        raise ImageError(f'{where}: has levels of 8 bits, not {encoding}: correct the encoding')
-    if levels > 1:
-        pixels = np.ascontiguousarray(image[..., 2::-1])
-    else:
-        pixels = np.ascontiguousarray(image.reshape(image.shape[:2]))
+    pixels = image[..., 2::-1] if levels > 1 else image.reshape(image.shape[:2])
+    pixels = np.ascontiguousarray(pixels)
     if known:
-        bits = 8 if image.dtype == np.uint8 else known.bits
-        return Photograph.of(pixels, known.mosaic, bits)
+        return Photograph.of(pixels, known.mosaic, known.bits)
     highest = int(pixels.max()) if image.dtype == np.uint16 and pixels.size else 0
     return Photograph.of(pixels, bits=next(b for b in _BITS if highest < 1 << b) if highest else 0)
 

@@ -55,7 +55,7 @@ def _check_lens(lens: Lens, name: str) -> None:
     size = np.array([lens.width, lens.height])
     focal, (u, v) = lens.camera_matrix[[0, 1], [0, 1]], lens.camera_matrix[:2, 2]
     # Views of 2 * atan(0.5 / x), 1 to 157 degrees.
-    view = 0.1 <= focal.min() / size.max() and focal.max() / size.max() <= 57
+    view = focal.min() / size.max() >= 0.1 and focal.max() / size.max() <= 57
     # Pixels of micromirrors stand on their corners, twice as far apart one way as the other.
     pixels = 1 / 2.5 <= focal[0] / focal[1] <= 2.5
     # A projector's lens shift may put the principal point one image's size beside the image.

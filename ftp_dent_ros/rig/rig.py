@@ -24,6 +24,9 @@ from ftp_dent_ros.rig.geometry import check_geometry
 from ftp_dent_ros.yaml_file import read_yaml
 
 _BLOCKS = ('camera', 'projector', 'extrinsics')
+# Of a camera matrix all but focal lengths and principal point.
+_REST = [0, 0, 0, 0, 1]
+
 # A level of 12 bits each.
 _MOST_RESPONSE = 4096
 
@@ -268,8 +271,9 @@ def _lens(fields: Fields, block: str) -> Lens:
         fields.block('distortion_coefficients').as_matrix(1, 5)[0],
     )
     matrix = lens.camera_matrix
-    rest = matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]].tolist()
-    if (matrix[[0, 1], [0, 1]] <= 0).any() or rest != [0, 0, 0, 0, 1]:
+    if (matrix[[0, 1], [0, 1]] <= 0).any() or (
+        matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] != _REST
+    ).any():
         raise RigError(
             f'{block}.camera_matrix is not [f_x, 0, c_x, 0, f_y, c_y, 0, 0, 1] with positive '
             'focal lengths: calibrate again'

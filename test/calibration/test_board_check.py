@@ -112,23 +112,17 @@ def test_another_board_or_lens_is_told_from_a_turn(rig, pattern, photograph):
             check_by_board(rig, told, BOARD, photograph)
 
 
-def test_the_command_checks_by_a_board(rig, photograph, tmp_path, capsys):
+def test_the_command_checks_by_a_board(rig, seen, tmp_path, capsys):
     image, bad, new = tmp_path / 'board.png', tmp_path / 'bad.yaml', tmp_path / 'new.yaml'
+    board, photograph = seen
     cv2.imwrite(str(image), photograph[..., ::-1])
     write_rig(bad, turned(rig, np.radians([0, 0.06, 0])))
     command = ['calibrate', 'check', str(image), *OPTIONS]
+    if board.dictionary:
+        command += ['--charuco', board.dictionary, '--marker', '18']
     assert main([*command, '--rig', str(bad), '--adjust', str(new)]) == 1
     assert 'the projector has turned, yaw -0.0' in capsys.readouterr().out
     assert main([*command, '--rig', str(new)]) == 0
     assert "the board's corners 0." in capsys.readouterr().out
     assert main([*command, '--rig', str(new), '--skin']) == 2
     assert '--skin and --board' in capsys.readouterr().err
-
-
-def test_the_command_checks_by_a_charuco_board(rig, marked, tmp_path, capsys):
-    image, good = tmp_path / 'board.png', tmp_path / 'rig.yaml'
-    cv2.imwrite(str(image), marked[..., ::-1])
-    write_rig(good, rig)
-    command = ['calibrate', 'check', str(image), *OPTIONS, '--rig', str(good)]
-    assert main([*command, '--charuco', 'DICT_5X5_100', '--marker', '18']) == 0
-    assert "the board's corners 0." in capsys.readouterr().out
