@@ -301,7 +301,6 @@ def _refuse_unknown(estimate: Adjustment, known: NDArray) -> None:
 def _record(
     estimate: Adjustment, known: NDArray, board: Board, checked: HeldOut | None
 ) -> CalibrationRecord:
-    names = ('camera', 'projector', 'joint')
     kind = f'ChArUco {board.dictionary}' if board.dictionary else 'chessboard'
     far = estimate.points()[..., 2]
     now = datetime.datetime.now(datetime.timezone.utc)
@@ -311,11 +310,16 @@ def _record(
         tool=f'ftp-dent calibrate solve {__version__}',
         board=f'{kind}, {board.columns}x{board.rows} inner corners, {1e3 * board.square:g} mm',
         poses=len(estimate.poses),
-        rms_px=dict(zip(names, estimate.rms(), strict=True)),
-        held_out_rms_px=dict(zip(names, checked.rms, strict=True)) if checked else {},
-        depth_range=(float(far.min()), float(far.max())),
+        rms_px=_named(estimate.rms()),
+        held_out_rms_px=_named(checked.rms) if checked else {},
+        depth_range=(round(float(far.min()), 4), round(float(far.max()), 4)),
         covariance=known,
     )
+
+
+def _named(rms_px: tuple[float, ...]) -> dict[str, float]:
+    names = ('camera', 'projector', 'joint')
+    return {name: round(value, 4) for name, value in zip(names, rms_px, strict=True)}
 
 
 def _remarks(estimate: Adjustment, baseline: float, checked: HeldOut | None) -> list[str]:
