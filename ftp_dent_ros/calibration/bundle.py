@@ -115,12 +115,10 @@ class Adjustment:
 
 def rms(residuals: NDArray[np.float64]) -> tuple[float, float, float]:
     """Root mean square distance of camera, projector and both, pixels, as OpenCV counts it."""
-    camera, projector = np.square(residuals.reshape(-1, 2, 2)).sum(axis=-1).T
-    found = []
-    for squares in (camera, projector, np.concatenate([camera, projector])):
-        known = squares[np.isfinite(squares)]
-        found.append(float(np.sqrt(known.mean())) if len(known) else np.nan)
-    return found[0], found[1], found[2]
+    squares = np.square(residuals.reshape(-1, 2, 2)).sum(axis=-1).T
+    known = (each[np.isfinite(each)] for each in (*squares, squares))
+    camera, projector, both = (np.sqrt(each.mean()) if len(each) else np.nan for each in known)
+    return float(camera), float(projector), float(both)
 
 
 def rig_vector(rig: Rig) -> NDArray[np.float64]:

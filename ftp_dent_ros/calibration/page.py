@@ -84,11 +84,6 @@ def _frame(axes: Axes, lens: Lens, title: str) -> None:
 
 def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
     """Write the page of a solution; `left_out` are sentences on poses that were not used."""
-    pictures = {
-        'residuals': residual_maps(solution),
-        'coverage': coverage(solution),
-        'expected': expected_depth(solution),
-    }
     text = render(
         'ftp_dent_ros.calibration',
         'templates/page.html.j2',
@@ -98,7 +93,14 @@ def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
         depth=depth_words(solution),
         poses=_poses(solution),
         excluded=left_out,
-        pictures={name: data_uri(figure_png(figure)) for name, figure in pictures.items()},
+        pictures={
+            name: data_uri(figure_png(drawn(solution)))
+            for name, drawn in (
+                ('residuals', residual_maps),
+                ('coverage', coverage),
+                ('expected', expected_depth),
+            )
+        },
     )
     with write_atomically(path) as temporary:
         temporary.write_text(text, encoding='utf-8', errors='backslashreplace')
