@@ -137,7 +137,7 @@ def beside(centre, axis, degrees):
         (replace(RIG, translation=1e-3 * RIG.translation), 'baseline of 0.000247'),
         (replace(RIG, camera=with_matrix(RIG.camera, f_x=8.0, f_y=8.0)), 'in pixels'),
         (replace(RIG, projector=with_matrix(RIG.projector, f_x=1e6)), 'in pixels'),
-        (replace(RIG, camera=with_matrix(RIG.camera, f_y=500.0)), 'lengths 1702.4 and 500'),
+        (replace(RIG, camera=with_matrix(RIG.camera, f_y=500.0)), 'far from each'),
         (replace(RIG, camera=with_matrix(RIG.camera, c_x=-9e3)), 'principal point'),
         (beside((0.25, 0, 0), 'y', 180), 'turn the projector away'),
         (beside((0.25, 0, 0), 'y', -60), 'turn the projector away'),

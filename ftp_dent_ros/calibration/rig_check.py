@@ -33,10 +33,9 @@ from ftp_dent_ros.calibration.board_in_fringes import (
     board_pose,
     fringe_levels,
     linear_photograph,
-    plane_terms,
     read_board,
 )
-from ftp_dent_ros.calibration.bundle import depths_along, inverse_of
+from ftp_dent_ros.calibration.bundle import bend_terms, depths_along, inverse_of
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
@@ -464,8 +463,7 @@ def check_by_board(
     known, lit = np.isfinite(corners[:, 0]), np.isfinite(columns)
     corners, columns, points = corners[known], columns[lit], points[lit]
     rays = points / points[:, 2:]
-    x, y = (2 * plane_terms(board, board.points)[:, 1:]).T
-    bending = np.stack([x * x, x * y, y * y], axis=1) / 2
+    bending = bend_terms(board.points)[:, 2] / 2
 
     def misfit(by: Rig, unknowns: NDArray) -> list[NDArray]:
         turn, shift, scale = Rotation.from_rotvec(unknowns[:3]), unknowns[3:6], unknowns[6]

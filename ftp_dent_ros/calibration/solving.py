@@ -32,15 +32,14 @@ from ftp_dent_ros.rig.rig import Rig
 
 # Scores differ by more than this part.
 _TOLERANCE = 1e-5
-_TERMS = range(len(DISTORTIONS))
 #: Values that are tried of each field of a model, one field after the other.
 _TRIED: dict[str, Iterable[int]] = {
     'bent': (False, True),
-    'projector': _TERMS,
-    'camera': _TERMS,
+    'projector': range(len(DISTORTIONS)),
+    'camera': range(len(DISTORTIONS)),
 }
 #: How often `solve` tells its progress at most: of what is tried, one is the best so far.
-STEPS = 5 + sum(len(tuple(values)) - 1 for values in _TRIED.values())
+STEPS = 1 + sum(len(tuple(values)) - 1 for values in _TRIED.values())
 
 
 def select(estimate: Adjustment, progress: Callable[[], object]) -> Model:
@@ -252,7 +251,7 @@ def solve(
     model : Model, optional
         The terms to estimate; chosen by cross-validation if left out.
     progress : callable
-        Told after each of `STEPS` steps.
+        Told after each of the `STEPS` candidates at most among which the terms are chosen.
 
     Raises
     ------
@@ -260,18 +259,14 @@ def solve(
         The observations give no rig; the message says what is wrong with them.
     """
     start = first_rig(observations, board.points, camera_size, projector_size)
-    progress()
     estimate, excluded = without_bad_poses(adjust(start, Model()))
-    progress()
     refuse_hopeless(estimate)
     refuse_wrong_scale(estimate.rig, baseline)
     model = model or select(estimate, progress)
     estimate = adjust(replace(estimate, deviations=None), model)
-    progress()
     known = covariance(estimate, model)
     _refuse_unknown(estimate, known)
     checked = hold_out(estimate, model)
-    progress()
     rig = replace(estimate.rig, record=_record(estimate, known, board, checked))
     remarks = _remarks(estimate, baseline, checked)
     return Solution(rig, estimate, model, checked, excluded, remarks)

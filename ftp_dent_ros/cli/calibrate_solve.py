@@ -66,7 +66,6 @@ def run(arguments: argparse.Namespace) -> int:
         except CalibrationError as reason:
             hint = f' (left out before: {left_out[0]})' if left_out else ''
             raise CalibrationError(f'{arguments.folder}: {reason}{hint}') from None
-        bar.update(STEPS - bar.n)
     left_out += [f'{name}: {reason}' for name, reason in solution.excluded.items()]
     write_page(page, solution, left_out)
     write_rig(output, solution.rig)

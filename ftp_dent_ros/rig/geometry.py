@@ -63,8 +63,9 @@ def _check_lens(lens: Lens, name: str) -> None:
     if not (view and pixels and shift):
         raise RigError(
             f'{name}.camera_matrix has the focal lengths {focal[0]:g} and {focal[1]:g} and the '
-            f'principal point {u:g}, {v:g}, which no lens has before {lens.width}x{lens.height} '
-            'pixels: give them in pixels, or calibrate again'
+            f'principal point {u:g}, {v:g}, which are too short, too long, too far from each '
+            f'other or too far outside {lens.width}x{lens.height} pixels for any lens: give them '
+            'in pixels, or calibrate again'
         )
 
 
