@@ -220,13 +220,6 @@ def observe(name: str, photographs: Photographs, sequence: Sequence, board: Boar
     CalibrationError
         The pose cannot be used: not seen whole, blurred, saturated, moved, out of order.
     """
-    try:
-        return _observe(name, photographs, sequence, board)
-    except CalibrationError as reason:
-        raise CalibrationError(f'{name}: {reason}') from None
-
-
-def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> BoardSight:
     even = _moments(photographs, sequence)
     found: dict[str, NDArray[np.float64]] = {}
     for moment, image in even.items():

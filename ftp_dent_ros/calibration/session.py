@@ -65,7 +65,7 @@ def _numbered(folder: Path, files: list[Path]) -> dict[int, Path]:
 
 
 def read_pose(
-    name: str, files: dict[int, Path], sequence: Sequence, first: int = 0
+    files: dict[int, Path], sequence: Sequence, first: int = 0
 ) -> dict[ProjectedFrame, NDArray[np.uint8]]:
     """Grey photographs of a pose by the frame that was projected.
 
@@ -81,14 +81,14 @@ def read_pose(
     frames = sequence.frames
     if sorted(files) != list(range(first, first + len(frames))):
         raise CalibrationError(
-            f'{name}: has {len(files)} photographs, up to number {max(files)}, and the sequence '
+            f'has {len(files)} photographs, up to number {max(files)}, and the sequence '
             f'of a {sequence.width}x{sequence.height} projector {len(frames)}: check the '
             "projector's size and the sequence, and that no photograph is missing"
         )
     levels = [_grey(files[number]) for number in sorted(files)]
     sizes = {image.shape for image in levels}
     if len(sizes) > 1:
-        raise CalibrationError(f'{name}: the photographs have {len(sizes)} different sizes')
+        raise CalibrationError(f'the photographs have {len(sizes)} different sizes')
     shift = max(0, *(int(image.max()).bit_length() - 8 for image in levels))
     taken = {f: (image >> shift).astype(np.uint8) for f, image in zip(frames, levels, strict=True)}
     white, black = ProjectedFrame('white'), ProjectedFrame('black')
@@ -160,12 +160,12 @@ def see_poses(
     first = min(number for files in poses.values() for number in files)
     for name, files in poses.items():
         try:
-            taken = read_pose(name, files, session.sequence, first)
+            taken = read_pose(files, session.sequence, first)
             height, width = next(iter(taken.values())).shape
             sizes.setdefault((width, height), name)
             sights.append(observe(name, taken, session.sequence, session.board))
         except (CalibrationError, ImageError) as reason:
-            left_out.append(str(reason))
+            left_out.append(f'{name}: {reason}')
         progress()
     if len(sizes) > 1:
         listed = ', '.join(f'{w}x{h} ({name})' for (w, h), name in sizes.items())
