@@ -91,16 +91,17 @@ def _model(state: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     turn = (np.cos(angle) * dy - np.sin(angle) * dx) / width[:, None]
     edge, slope = erf(distance), 2 / np.sqrt(np.pi) * np.exp(-distance * distance)
     by = slope * edge[:, ::-1]
-    jacobian = np.empty((len(state), len(x), 9))
-    jacobian[..., 0] = -contrast * (by * np.cos(angle)).sum(axis=1) / width
-    jacobian[..., 1] = -contrast * (by * np.sin(angle)).sum(axis=1) / width
-    jacobian[..., 2:4] = np.moveaxis(contrast[:, None] * by * turn, 1, 2)
-    jacobian[..., 4] = -contrast * (by * distance).sum(axis=1) / blur
-    jacobian[..., 5] = 1
-    jacobian[..., 6], jacobian[..., 7] = x, y
-    jacobian[..., 8] = edge.prod(axis=1)
-    light = offset + slope_x * x + slope_y * y + contrast * jacobian[..., 8]
-    return light, jacobian
+    crossing = edge.prod(axis=1)
+    light = offset + slope_x * x + slope_y * y + contrast * crossing
+    one = np.ones_like(light)
+    jacobian = [
+        -contrast * (by * np.cos(angle)).sum(axis=1) / width,
+        -contrast * (by * np.sin(angle)).sum(axis=1) / width,
+        *np.moveaxis(contrast[:, None] * by * turn, 1, 0),
+        -contrast * (by * distance).sum(axis=1) / blur,
+        *(one, one * x, one * y, crossing),
+    ]
+    return light, np.stack(jacobian, axis=-1)
 
 
 @dataclass(frozen=True)

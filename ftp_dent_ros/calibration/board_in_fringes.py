@@ -134,14 +134,7 @@ class _View:
         """The print as it is seen, and a first fit: which end, and which colour, fits best."""
         board = self.board
         plain = replace(board, dictionary='', marker=0.0, legacy=False)
-        try:
-            rough = plain.find_rough(self.without_fringes())
-        except CalibrationError:
-            kind = 'ChArUco board' if board.dictionary else 'chessboard'
-            raise CalibrationError(
-                f'no {kind} of {board.columns}x{board.rows} inner corners is seen whole under '
-                'the fringes: check the numbers, the light and that no corner is hidden'
-            ) from None
+        rough = plain.find_rough(self.without_fringes())
         size = (board.columns + 2) * _PIXELS, (board.rows + 2) * _PIXELS
         large = board.draw(board.exact_pixels(_PIXELS))
         drawn = np.asarray(cv2.resize(large, size, interpolation=cv2.INTER_AREA), float) / 255.0

@@ -103,7 +103,7 @@ class Adjustment:
 
     def points(self) -> NDArray[np.float64]:
         """The corners in the camera's frame, shape (p, n, 3), metres."""
-        corners = self.board + _bending(self.board) @ self.bend
+        corners = self.board + bend_terms(self.board) @ self.bend
         turns = Rotation.from_rotvec(self.poses[:, :3]).as_matrix()
         return corners @ turns.transpose(0, 2, 1) + self.poses[:, None, 3:]
 
@@ -115,12 +115,10 @@ class Adjustment:
 
 def rms(residuals: NDArray[np.float64]) -> tuple[float, float, float]:
     """Root mean square distance of camera, projector and both, pixels, as OpenCV counts it."""
-    camera, projector = np.square(residuals.reshape(-1, 2, 2)).sum(axis=-1).T
-    found = []
-    for squares in (camera, projector, np.concatenate([camera, projector])):
-        known = squares[np.isfinite(squares)]
-        found.append(float(np.sqrt(known.mean())) if len(known) else np.nan)
-    return found[0], found[1], found[2]
+    squares = np.square(residuals.reshape(-1, 2, 2)).sum(axis=-1).T
+    known = (each[np.isfinite(each)] for each in (*squares, squares))
+    camera, projector, both = (np.sqrt(each.mean()) if len(each) else np.nan for each in known)
+    return float(camera), float(projector), float(both)
 
 
 def rig_vector(rig: Rig) -> NDArray[np.float64]:
@@ -147,7 +145,7 @@ def _matrix(lens: NDArray) -> NDArray[np.float64]:
     return np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
 
 
-def _bending(board: NDArray) -> NDArray[np.float64]:
+def bend_terms(board: NDArray) -> NDArray[np.float64]:
     """Derivatives of a board's corners by its bend, shape (n, 3, 3)."""
     place = board[:, :2] - board[:, :2].mean(axis=0)
     x, y = (place / np.abs(place).max(axis=0)).T
@@ -183,7 +181,7 @@ class _Problem:
 
     def modelled(self, vector: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixels (p, n, 4) of every corner, and their derivatives by all numbers."""
-        bending = _bending(self.start.board)
+        bending = bend_terms(self.start.board)
         corners = self.start.board + bending @ vector[RIG:_COMMON]
         pixels = np.empty(self.observed.shape)
         slopes = np.zeros((*pixels.shape, len(vector)))
@@ -311,8 +309,7 @@ def covariance(estimate: Adjustment, model: Model) -> NDArray[np.float64]:
     active = problem.active[:_COMMON]
     result = np.zeros((_COMMON, _COMMON))
     result[np.ix_(active, active)] = variance * spread * inverse
-    for index in _PRINCIPAL_POINTS:
-        result[index, index] += _BIAS**2
+    result[_PRINCIPAL_POINTS, _PRINCIPAL_POINTS] += _BIAS**2
     return result[:RIG, :RIG]
 
 

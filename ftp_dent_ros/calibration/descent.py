@@ -29,7 +29,7 @@ def descend(
     steps : int
         At most.
     """
-    damping = np.full(len(state), _FIRST)
+    state, damping = state.copy(), np.full(len(state), _FIRST)
     cost, gradient, normal = linearised(state)
     for _ in range(steps):
         scale = np.sqrt(np.maximum(np.einsum('nii->ni', normal), 1e-300))
@@ -39,10 +39,8 @@ def descend(
         found = linearised(tried)
         better = found[0] < cost
         arrived = np.abs(found[0] - cost) <= tolerance * cost
-        state = np.where(better[:, None], tried, state)
-        gradient = np.where(better[:, None], found[1], gradient)
-        normal = np.where(better[:, None, None], found[2], normal)
-        cost = np.where(better, found[0], cost)
+        for kept, new in zip((state, cost, gradient, normal), (tried, *found), strict=True):
+            kept[better] = new[better]
         damping = np.clip(np.where(better, damping / _FACTOR, damping * _FACTOR), _LEAST, _MOST)
         if arrived.all():
             break

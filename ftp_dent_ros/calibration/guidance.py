@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -28,10 +28,10 @@ _TILT = 28.0
 _DISTANCES = {'closer': 0.75, '': 1.0, 'farther': 1.3}
 _TILTS = {
     '': (0, 0),
-    'its left side away': (0, -_TILT),
-    'its right side away': (0, _TILT),
-    'its upper side away': (_TILT, 0),
-    'its lower side away': (-_TILT, 0),
+    'its left side away by 30 degrees': (0, -_TILT),
+    'its right side away by 30 degrees': (0, _TILT),
+    'its upper side away by 30 degrees': (_TILT, 0),
+    'its lower side away by 30 degrees': (-_TILT, 0),
 }
 _PLACES = {
     'in the middle': (0.5, 0.5),
@@ -71,46 +71,37 @@ def projector_delay(
     return max(0.0, (stamps_ns[late[-1] + 1] - shown_ns) / 1e9) if len(late) else 0.0
 
 
-@dataclass(frozen=True)
-class Advice:
-    """What to do next.
-
-    Attributes
-    ----------
-    sentence : str
-        Where to hold the board.
-    depth_deviation : float
-        Of depths over the image, so far, metres (median); NaN before it is known.
-    """
-
-    sentence: str
-    depth_deviation: float = float('nan')
-
-
 def next_pose(
     observations: list[Observation],
     board: Board,
     camera_size: tuple[int, int],
     projector_size: tuple[int, int],
-) -> Advice:
-    """Which pose to show next.
+) -> tuple[str, float]:
+    """Where to hold the board next, and how well depths are known so far.
 
     With a rig estimated from the poses so far, each candidate's contribution to the normal
     equations is added, and the one is named that leaves the least uncertainty of the depth
     (A-optimality).
+
+    Returns
+    -------
+    advice : str
+        A sentence.
+    deviation : float
+        Standard deviation of depths over the image, metres (median); NaN before it is known.
     """
     lit = [o for o in observations if o.has_projector]
     if len(lit) < len(_FIRST):
-        return Advice(f'hold the board {_FIRST[len(lit)]}')
+        return f'hold the board {_FIRST[len(lit)]}', np.nan
     try:
         start = first_rig(lit, board.points, camera_size, projector_size)
     except CalibrationError as reason:
-        return Advice(f'hold the board {_FIRST[-1]} ({reason})')
+        return f'hold the board {_FIRST[-1]} ({reason})', np.nan
     estimate = adjust(start, _MODEL, tolerance=1e-5)
     rig, distance = estimate.rig, float(np.median(start.poses[:, 5]))
     pixels = rig.camera.pixel_grid()[:: camera_size[1] // 5, :: camera_size[0] // 6].reshape(-1, 2)
     depth = np.full(len(pixels), distance)
-    best = Advice('', np.inf)
+    best = np.inf, 'wherever camera and projector see all of it'
     slopes, known = depth_slopes(rig, pixels, depth), covariance(estimate, _MODEL)
 
     def uncertainty(of: NDArray) -> float:
@@ -124,14 +115,11 @@ def next_pose(
         shift = distance * scale * rig.camera.rays(at * size) - turn.apply(middle)
         more = replace(estimate, poses=np.concatenate([turn.as_rotvec(), shift])[None])
         seen = _seen(rig, more.points()[0])
-        if seen is None:
-            continue
-        left = uncertainty(with_pose(known, replace(more, observations=[seen]), _MODEL))
-        if left < best.depth_deviation:
-            words = [place + ' of the image', far, side + (' by 30 degrees' if side else '')]
-            best = Advice(f'hold the board {", ".join(filter(None, words))}', left)
-    anywhere = 'hold the board wherever camera and projector see all of it'
-    return Advice(best.sentence or anywhere, uncertainty(known))
+        if seen is not None:
+            left = uncertainty(with_pose(known, replace(more, observations=[seen]), _MODEL))
+            words = filter(None, (f'{place} of the image', far, side))
+            best = min(best, (left, ', '.join(words)))
+    return f'hold the board {best[1]}', uncertainty(known)
 
 
 def covered(observations: list[Observation], camera_size: tuple[int, int]) -> float:

@@ -16,6 +16,7 @@ from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
+#: Photographs by what is projected in them, in the order of the sequence.
 Photographs = Mapping[ProjectedFrame, NDArray[np.uint8]]
 Part = tuple[slice, slice]
 
@@ -51,9 +52,12 @@ def _stack(
     photographs: Photographs, kind: str, axis: str, part: Part = _WHOLE
 ) -> NDArray[np.float32]:
     """Levels of the photographs of a kind and an axis in their order, shape (n, ...)."""
-    chosen = [frame for frame in photographs if (frame.kind, frame.axis) == (kind, axis)]
-    chosen.sort(key=lambda frame: frame.index)
-    return np.array([photographs[frame][part] for frame in chosen], np.float32)
+    chosen = [
+        image[part]
+        for frame, image in photographs.items()
+        if (frame.kind, frame.axis) == (kind, axis)
+    ]
+    return np.array(chosen, np.float32)
 
 
 def _lit_evenly(
@@ -216,13 +220,6 @@ def observe(name: str, photographs: Photographs, sequence: Sequence, board: Boar
     CalibrationError
         The pose cannot be used: not seen whole, blurred, saturated, moved, out of order.
     """
-    try:
-        return _observe(name, photographs, sequence, board)
-    except CalibrationError as reason:
-        raise CalibrationError(f'{name}: {reason}') from None
-
-
-def _observe(name: str, photographs: Photographs, sequence: Sequence, board: Board) -> BoardSight:
     even = _moments(photographs, sequence)
     found: dict[str, NDArray[np.float64]] = {}
     for moment, image in even.items():

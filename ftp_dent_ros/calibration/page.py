@@ -61,15 +61,16 @@ def expected_depth(solution: Solution) -> Figure:
     """Stated standard deviation of the depth over the image, near, amid and far."""
     record, lens = solution.rig.record, solution.rig.camera
     assert record is not None and record.covariance is not None
-    u, v = np.meshgrid(np.linspace(0, lens.width - 1, 25), np.linspace(0, lens.height - 1, 17))
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    grid = lens.sample_grid(25, 17)
+    pixels = grid.reshape(-1, 2)
     figure = Figure(figsize=(10.5, 3.0), layout='constrained')
     for axes, depth in zip(
         figure.subplots(1, 3), np.linspace(*record.depth_range, 3), strict=True
     ):
         distance = np.full(len(pixels), depth)
         deviation = depth_deviation(solution.rig, record.covariance, pixels, distance)
-        drawn = axes.contourf(u, v, 1e3 * deviation.reshape(u.shape), 12, cmap='viridis')
+        over = deviation.reshape(grid.shape[:2])
+        drawn = axes.contourf(*np.moveaxis(grid, -1, 0), 1e3 * over, 12, cmap='viridis')
         figure.colorbar(drawn, ax=axes, shrink=0.85).ax.tick_params(labelsize=7)
         _frame(axes, lens, f'at {1e3 * depth:.0f} mm: standard deviation, mm')
     return figure
@@ -83,11 +84,6 @@ def _frame(axes: Axes, lens: Lens, title: str) -> None:
 
 def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
     """Write the page of a solution; `left_out` are sentences on poses that were not used."""
-    pictures = {
-        'residuals': residual_maps(solution),
-        'coverage': coverage(solution),
-        'expected': expected_depth(solution),
-    }
     text = render(
         'ftp_dent_ros.calibration',
         'templates/page.html.j2',
@@ -97,7 +93,14 @@ def write_page(path: Path, solution: Solution, left_out: list[str]) -> None:
         depth=depth_words(solution),
         poses=_poses(solution),
         excluded=left_out,
-        pictures={name: data_uri(figure_png(figure)) for name, figure in pictures.items()},
+        pictures={
+            name: data_uri(figure_png(drawn(solution)))
+            for name, drawn in (
+                ('residuals', residual_maps),
+                ('coverage', coverage),
+                ('expected', expected_depth),
+            )
+        },
     )
     with write_atomically(path) as temporary:
         temporary.write_text(text, encoding='utf-8', errors='backslashreplace')

@@ -42,29 +42,6 @@ class Finding:
     text: str
 
 
-def sharpness(
-    white: NDArray[np.uint8],
-    black: NDArray[np.uint8],
-    fringes: NDArray[np.uint8],
-    projected: NDArray[np.uint8],
-) -> float:
-    """What the lenses leave of the contrast of the fringes that are projected, 0 to 1.
-
-    Parameters
-    ----------
-    white, black, fringes : ndarray, shape (height, width, 3), uint8
-        Photographs of grey level 254, of 0, and of the fringes.
-    projected : ndarray, shape (projector's height, width, 3), uint8
-        The fringes' image; coded ones have less contrast than the stripe's.
-    """
-    lit = _lit(white, black)
-    if not lit.any():
-        return 0.0
-    dark = black[..., 0][lit].astype(float)
-    part = (fringes[..., 0][lit] - dark) / (white[..., 0][lit] - dark)
-    return float(np.clip(np.std(part) / max(float(np.std(projected[..., 0] / 254)), 1e-3), 0, 1))
-
-
 def examine(
     rig: Rig,
     pattern: Pattern,
@@ -92,14 +69,18 @@ def examine(
     smallest : SmallestDent, optional
         The smallest dent that will be looked for.
     """
-    lit = _lit(white, black)
+    span = white[..., 0].astype(float) - black[..., 0]
+    # Where the projector's light falls.
+    lit = span > max(8.0, 0.3 * float(np.percentile(span, 99)))
     if lit.mean() < 0.05:
         return [
             Finding('projector', NO, 'its light is not seen: check lamp, lens cap and distance')
         ]
-    left = sharpness(white, black, fringes[0], pattern.draw())
-    dark = float(np.median(black[..., 0][lit]))
-    light = max(float(np.median(white[..., 0][lit].astype(float) - black[..., 0][lit])), 1.0)
+    dark = black[..., 0][lit].astype(float)
+    ambient = float(np.median(dark) / np.median(span[lit]))
+    seen = float(np.std((fringes[0][..., 0][lit] - dark) / span[lit]))
+    # Coded fringes have less contrast than the stripe's.
+    left = min(seen / float(np.std(pattern.draw()[..., 0] / 254)), 1.0)
     findings = [
         Finding('projector', OK, f'lights {100 * lit.mean():.0f} % of the image'),
         _exposure(fringes[0], lit, exposure),
@@ -114,8 +95,8 @@ def examine(
         ),
         _judged(
             'ambient',
-            f"{100 * dark / light:.0f} % of the projector's light",
-            dark / light,
+            f"{100 * ambient:.0f} % of the projector's light",
+            ambient,
             (0.5, 1.5),
             'work in the shade, or with a brighter projector',
         ),
@@ -147,12 +128,6 @@ def examine(
         text = trouble or checks[-1].sentence
         findings.append(Finding('epipolar', NO if trouble else OK, text))
     return findings
-
-
-def _lit(white: NDArray, black: NDArray) -> NDArray[np.bool_]:
-    """Where the projector's light falls."""
-    span = white[..., 0].astype(float) - black[..., 0]
-    return span > max(8.0, 0.3 * float(np.percentile(span, 99)))
 
 
 def _exposure(fringes: NDArray, lit: NDArray, exposure: float) -> Finding:

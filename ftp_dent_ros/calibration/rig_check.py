@@ -16,6 +16,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 from typing import Any
 
@@ -32,10 +33,9 @@ from ftp_dent_ros.calibration.board_in_fringes import (
     board_pose,
     fringe_levels,
     linear_photograph,
-    plane_terms,
     read_board,
 )
-from ftp_dent_ros.calibration.bundle import depths_along, inverse_of
+from ftp_dent_ros.calibration.bundle import bend_terms, depths_along, inverse_of
 from ftp_dent_ros.errors import CalibrationError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
@@ -113,7 +113,7 @@ class Check:
     @property
     def sentence(self) -> str:
         """For people."""
-        if self.camera_px is not None and not self.camera_holds:
+        if not self.camera_holds:
             return (
                 f"the rig does not hold: the board's corners are {self.camera_px:.2f} pixels from "
                 "where the camera's lens model has them: see that the board is the one told; "
@@ -463,8 +463,7 @@ def check_by_board(
     known, lit = np.isfinite(corners[:, 0]), np.isfinite(columns)
     corners, columns, points = corners[known], columns[lit], points[lit]
     rays = points / points[:, 2:]
-    x, y = (2 * plane_terms(board, board.points)[:, 1:]).T
-    bending = np.stack([x * x, x * y, y * y], axis=1) / 2
+    bending = bend_terms(board.points)[:, 2] / 2
 
     def misfit(by: Rig, unknowns: NDArray) -> list[NDArray]:
         turn, shift, scale = Rotation.from_rotvec(unknowns[:3]), unknowns[3:6], unknowns[6]
@@ -479,10 +478,7 @@ def check_by_board(
         prior = [(scale - 1) / 3e-4, *unknowns[7:] / flatness]
         return [off[:, 0], off[:, 1], pixel - columns, np.array(prior)]
 
-    def corner_noise(off: NDArray) -> float:
-        grid = np.full(len(known), np.nan)
-        grid[known] = off
-        return _corner_noise(grid.reshape(board.rows, board.columns))
+    corner_noise = partial(_corner_noise, known.reshape(board.rows, board.columns))
 
     corner = _CORNERS[0], corner_noise
     fringes: _Kind = _FRINGES[0], lambda off: scatter(off, _FRINGES[1])
@@ -498,14 +494,16 @@ def check_by_board(
     return judged(rig, pattern, found[:3], covariance, middle, camera_px=camera_px)
 
 
-def _corner_noise(off: NDArray) -> float:
-    """Of residuals (rows, columns) as if they were independent: edges along fringes err alike.
+def _corner_noise(seen: NDArray[np.bool_], residuals: NDArray) -> float:
+    """Of residuals, as if they were independent: edges along fringes err alike.
+
+    Which of the board's corners (rows, columns) are theirs, `seen` tells.
 
     The variance of a mean of residuals that fade with the distance by a factor r a corner is
     (1 + r) / (1 - r) times as large along each axis.
     """
-    spread = scatter(off[np.isfinite(off)], _CORNERS[1])
-    off = np.clip(off, -3 * spread, 3 * spread)
+    spread, off = scatter(residuals, _CORNERS[1]), np.full(seen.shape, np.nan)
+    off[seen] = np.clip(residuals, -3 * spread, 3 * spread)
     factor = 1.0
     for first, second in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1])):
         ratio = np.nanmean(first * second) / np.nanmean(off**2)
@@ -522,8 +520,7 @@ class CheckAside:
     hold up the photographs that come meanwhile.
     """
 
-    def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
+    _process: subprocess.Popen[bytes] | None = None
 
     def check(self, *given: Any) -> Check:
         """Check a rig as `check` does, of whose arguments these are.
@@ -557,7 +554,7 @@ def answer() -> None:
     """Check what comes in on the standard input; what is found, or why not, goes out."""
     # The last priority there is: photographs go first.
     os.nice(19)
-    found: Check | CalibrationError
+    found: Any = None
     try:
         found = check(*pickle.load(sys.stdin.buffer))
     except CalibrationError as reason:

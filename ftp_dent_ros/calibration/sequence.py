@@ -69,13 +69,12 @@ class Sequence(Checked):
 
     def bits(self, axis: str) -> int:
         """Gray bits of an axis."""
-        if not self.period:
-            return math.ceil(math.log2(self.size(axis)))
-        return math.ceil(math.log2(self.size(axis) / self.period)) + 1
+        return max(0, math.ceil(math.log2(self.size(axis) / self.cell)))
 
-    def cell(self, axis: str) -> int:
+    @property
+    def cell(self) -> int:
         """Width of the finest Gray bit's code word, projector pixels."""
-        return self.period // 2 if self.period else 1
+        return max(1, self.period // 2)
 
     @property
     def frames(self) -> tuple[ProjectedFrame, ...]:
@@ -115,7 +114,7 @@ class Sequence(Checked):
             angle = 2 * np.pi * (position / self.period - frame.index / self.steps)
             line = np.rint(_LEVELS * (0.5 + 0.5 * np.cos(angle)))
         else:
-            word = position // self.cell(frame.axis)
+            word = position // self.cell
             bit = ((word ^ (word >> 1)) >> (self.bits(frame.axis) - 1 - frame.index)) & 1
             line = _LEVELS * (bit if frame.kind == 'gray' else 1 - bit)
         line = line.astype(np.uint8) if frame.axis == 'u' else line.astype(np.uint8)[:, None]

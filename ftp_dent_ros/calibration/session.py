@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.observing import BoardSight, observe
 from ftp_dent_ros.calibration.sequence import ProjectedFrame, Sequence
-from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+from ftp_dent_ros.errors import CalibrationError, ConfigurationError, ImageError
 from ftp_dent_ros.fields import Checked, Fields, NotNegative
 from ftp_dent_ros.files import by_number, write_atomically
+from ftp_dent_ros.photograph.file import is_photograph, read_photograph
 from ftp_dent_ros.yaml_file import read_yaml
-
-_GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
-_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp')
 
 FILE = 'calibration.yaml'
 
@@ -39,9 +37,7 @@ def find_poses(folder: Path) -> dict[str, dict[int, Path]]:
         raise CalibrationError(f'{folder}: no such folder: give the one that holds the poses')
     poses = {}
     for below in sorted(filter(Path.is_dir, folder.iterdir()), key=by_number):
-        files = sorted(
-            (p for p in below.iterdir() if p.suffix.lower() in _SUFFIXES), key=by_number
-        )
+        files = [path for path in below.iterdir() if is_photograph(path)]
         # A name with a dot was being written when a capture was killed.
         if files and not below.name.startswith('.'):
             poses[below.name] = _numbered(below, sorted(files, key=by_number))
@@ -69,7 +65,7 @@ def _numbered(folder: Path, files: list[Path]) -> dict[int, Path]:
 
 
 def read_pose(
-    name: str, files: dict[int, Path], sequence: Sequence, first: int = 0
+    files: dict[int, Path], sequence: Sequence, first: int = 0
 ) -> dict[ProjectedFrame, NDArray[np.uint8]]:
     """Grey photographs of a pose by the frame that was projected.
 
@@ -78,33 +74,33 @@ def read_pose(
     Raises
     ------
     CalibrationError
-        A file is damaged, the sizes differ, or there are not as many files as frames.
+        The sizes differ, or there are not as many files as frames.
+    ImageError
+        A file is damaged.
     """
     frames = sequence.frames
     if sorted(files) != list(range(first, first + len(frames))):
         raise CalibrationError(
-            f'{name}: has {len(files)} photographs, up to number {max(files)}, and the sequence '
+            f'has {len(files)} photographs, up to number {max(files)}, and the sequence '
             f'of a {sequence.width}x{sequence.height} projector {len(frames)}: check the '
             "projector's size and the sequence, and that no photograph is missing"
         )
-    levels: dict[ProjectedFrame, NDArray[Any]] = {}
-    for number, path in files.items():
-        data = np.fromfile(path, np.uint8)
-        image = cv2.imdecode(data, _GREY) if len(data) else None
-        if image is None:
-            raise CalibrationError(f'{path}: empty, damaged or not an image: take the pose again')
-        levels[frames[number - first]] = np.asarray(image)
-    sizes = {image.shape for image in levels.values()}
+    levels = [_grey(files[number]) for number in sorted(files)]
+    sizes = {image.shape for image in levels}
     if len(sizes) > 1:
-        raise CalibrationError(f'{name}: the photographs have {len(sizes)} different sizes')
-    highest = max(int(image.max()) for image in levels.values())
-    shift = max(highest.bit_length() - 8, 0)
-    taken = {frame: (image >> shift).astype(np.uint8) for frame, image in levels.items()}
+        raise CalibrationError(f'the photographs have {len(sizes)} different sizes')
+    shift = max(0, *(int(image.max()).bit_length() - 8 for image in levels))
+    taken = {f: (image >> shift).astype(np.uint8) for f, image in zip(frames, levels, strict=True)}
     white, black = ProjectedFrame('white'), ProjectedFrame('black')
     # Tools differ in which of the two comes first.
     if taken[white].mean() < taken[black].mean():
         taken[white], taken[black] = taken[black], taken[white]
     return taken
+
+
+def _grey(path: Path) -> NDArray[Any]:
+    image = read_photograph(path)
+    return image.pixels if image.is_flat else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
 
 
 @dataclass(frozen=True)
@@ -140,7 +136,7 @@ def read_session(folder: Path) -> Session:
 
 
 def see_poses(
-    folder: Path, session: Session, progress: Callable[[str], None] = lambda name: None
+    folder: Path, session: Session, progress: Callable[[], object] = lambda: None
 ) -> tuple[list[BoardSight], list[str], tuple[int, int]]:
     """Read all poses of a folder.
 
@@ -164,13 +160,13 @@ def see_poses(
     first = min(number for files in poses.values() for number in files)
     for name, files in poses.items():
         try:
-            taken = read_pose(name, files, session.sequence, first)
+            taken = read_pose(files, session.sequence, first)
             height, width = next(iter(taken.values())).shape
             sizes.setdefault((width, height), name)
             sights.append(observe(name, taken, session.sequence, session.board))
-        except CalibrationError as reason:
-            left_out.append(str(reason))
-        progress(name)
+        except (CalibrationError, ImageError) as reason:
+            left_out.append(f'{name}: {reason}')
+        progress()
     if len(sizes) > 1:
         listed = ', '.join(f'{w}x{h} ({name})' for (w, h), name in sizes.items())
         raise CalibrationError(f'{folder}: photographs of different sizes: {listed}')

@@ -32,18 +32,17 @@ from ftp_dent_ros.rig.rig import Rig
 
 # Scores differ by more than this part.
 _TOLERANCE = 1e-5
-_TERMS = range(len(DISTORTIONS))
 #: Values that are tried of each field of a model, one field after the other.
 _TRIED: dict[str, Iterable[int]] = {
     'bent': (False, True),
-    'projector': _TERMS,
-    'camera': _TERMS,
+    'projector': range(len(DISTORTIONS)),
+    'camera': range(len(DISTORTIONS)),
 }
 #: How often `solve` tells its progress at most: of what is tried, one is the best so far.
-STEPS = 5 + sum(len(tuple(values)) - 1 for values in _TRIED.values())
+STEPS = 1 + sum(len(tuple(values)) - 1 for values in _TRIED.values())
 
 
-def select(estimate: Adjustment, progress: Callable[[str], None]) -> Model:
+def select(estimate: Adjustment, progress: Callable[[], object]) -> Model:
     """Choose distortion terms, and whether the board is bent, by cross-validation.
 
     Parameters
@@ -57,7 +56,7 @@ def select(estimate: Adjustment, progress: Callable[[str], None]) -> Model:
     @cache
     def score(candidate: Model) -> float:
         found = held_out_score(estimate, candidate)
-        progress(f'{candidate.camera}+{candidate.projector} terms')
+        progress()
         return found
 
     best = Model()
@@ -67,32 +66,32 @@ def select(estimate: Adjustment, progress: Callable[[str], None]) -> Model:
     return best
 
 
-def folds(count: int, wanted: int = 4) -> list[NDArray[np.intp]]:
-    """Indices of the poses held out in turn; none if too few would be left."""
-    for parts in range(min(wanted, count), count + 1):
-        # Fewer poses than three left for fitting do not hold a rig down.
-        if count - -(-count // parts) >= 3:
-            return [np.arange(first, count, parts) for first in range(parts)]
-    return []
-
-
 def held_out_score(estimate: Adjustment, candidate: Model) -> float:
     """Mean squared residual of poses that a candidate was not fitted to, over its variance."""
-    parts = folds(len(estimate.poses))
-    if not parts:
+    seen = held_out(estimate, candidate, 4)
+    if not seen:
         return 0.0
-    residuals = [held_out(estimate, candidate, out).residuals for out in parts]
-    off = np.concatenate(residuals) / np.repeat(np.array(estimate.deviations), 2)
+    residuals = np.concatenate([each.residuals for each in seen])
+    off = residuals / np.repeat(np.array(estimate.deviations), 2)
     # Gross errors must not decide, standard deviations.
     return float(np.nanmean(np.square(np.clip(off, -3, 3))))
 
 
-def held_out(estimate: Adjustment, candidate: Model, out: NDArray[np.intp]) -> Adjustment:
-    """The poses `out` with a rig of the others: only where the board was is estimated of them."""
-    kept = np.setdiff1d(np.arange(len(estimate.poses)), out)
-    fitted = adjust(estimate.of_poses(kept), candidate, _TOLERANCE)
-    start = replace(estimate.of_poses(out), rig=fitted.rig, bend=fitted.bend)
-    return adjust(start, None, _TOLERANCE)
+def held_out(estimate: Adjustment, candidate: Model, wanted: int) -> list[Adjustment]:
+    """Each part of the poses with a rig of the others, by which only the board's places are told.
+
+    There are as many parts as wanted or, of few poses, more; none if too few would be left.
+    """
+    count, found = len(estimate.poses), []
+    # Fewer poses than three left for fitting do not hold a rig down.
+    enough = (parts for parts in range(wanted, count + 1) if count - -(-count // parts) >= 3)
+    parts = next(enough, 0)
+    for first in range(parts):
+        out = np.arange(count) % parts == first
+        fitted = adjust(estimate.of_poses(np.flatnonzero(~out)), candidate, _TOLERANCE)
+        start = replace(estimate.of_poses(np.flatnonzero(out)), rig=fitted.rig, bend=fitted.bend)
+        found.append(adjust(start, None, _TOLERANCE))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +119,7 @@ class HeldOut:
 def hold_out(estimate: Adjustment, model: Model) -> HeldOut | None:
     """Fit to each half of the poses and look at the other; None if there are too few."""
     residuals, stereo, errors, places = [], [], [], []
-    for out in folds(len(estimate.poses), 2):
-        seen = held_out(estimate, model, out)
+    for seen in held_out(estimate, model, 2):
         residuals.append(seen.residuals)
         rig = seen.rig
         found = camera_alone(replace(seen, bend=estimate.bend)).points()
@@ -236,7 +234,7 @@ def solve(
     projector_size: tuple[int, int],
     baseline: float = 0.0,
     model: Model | None = None,
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[], object] = lambda: None,
 ) -> Solution:
     """Calibrate a rig.
 
@@ -253,7 +251,7 @@ def solve(
     model : Model, optional
         The terms to estimate; chosen by cross-validation if left out.
     progress : callable
-        Told after each of `STEPS` steps.
+        Told after each of the `STEPS` candidates at most among which the terms are chosen.
 
     Raises
     ------
@@ -261,18 +259,14 @@ def solve(
         The observations give no rig; the message says what is wrong with them.
     """
     start = first_rig(observations, board.points, camera_size, projector_size)
-    progress('start')
     estimate, excluded = without_bad_poses(adjust(start, Model()))
-    progress('all poses')
     refuse_hopeless(estimate)
     refuse_wrong_scale(estimate.rig, baseline)
     model = model or select(estimate, progress)
     estimate = adjust(replace(estimate, deviations=None), model)
-    progress('final')
     known = covariance(estimate, model)
     _refuse_unknown(estimate, known)
     checked = hold_out(estimate, model)
-    progress('held out')
     rig = replace(estimate.rig, record=_record(estimate, known, board, checked))
     remarks = _remarks(estimate, baseline, checked)
     return Solution(rig, estimate, model, checked, excluded, remarks)
@@ -302,7 +296,6 @@ def _refuse_unknown(estimate: Adjustment, known: NDArray) -> None:
 def _record(
     estimate: Adjustment, known: NDArray, board: Board, checked: HeldOut | None
 ) -> CalibrationRecord:
-    names = ('camera', 'projector', 'joint')
     kind = f'ChArUco {board.dictionary}' if board.dictionary else 'chessboard'
     far = estimate.points()[..., 2]
     now = datetime.datetime.now(datetime.timezone.utc)
@@ -312,11 +305,16 @@ def _record(
         tool=f'ftp-dent calibrate solve {__version__}',
         board=f'{kind}, {board.columns}x{board.rows} inner corners, {1e3 * board.square:g} mm',
         poses=len(estimate.poses),
-        rms_px=dict(zip(names, estimate.rms(), strict=True)),
-        held_out_rms_px=dict(zip(names, checked.rms, strict=True)) if checked else {},
-        depth_range=(float(far.min()), float(far.max())),
+        rms_px=_named(estimate.rms()),
+        held_out_rms_px=_named(checked.rms) if checked else {},
+        depth_range=(round(float(far.min()), 4), round(float(far.max()), 4)),
         covariance=known,
     )
+
+
+def _named(rms_px: tuple[float, ...]) -> dict[str, float]:
+    names = ('camera', 'projector', 'joint')
+    return {name: round(value, 4) for name, value in zip(names, rms_px, strict=True)}
 
 
 def _remarks(estimate: Adjustment, baseline: float, checked: HeldOut | None) -> list[str]:

@@ -110,15 +110,14 @@ def _refuse_mirrors(observations: list[Observation], board: NDArray) -> None:
     if np.linalg.det(lit) >= 0:
         return
     # Rows and columns exchanged are a mirror and a quarter turn; nobody mounts a projector so.
-    if np.linalg.norm(lit[[0, 1], [1, 0]]) > np.linalg.norm(np.diag(lit)):
-        raise CalibrationError(
-            "the projector's rows and columns are exchanged: give the photographs of the columns "
-            'first, or exchange its width and height'
-        )
+    exchanged = np.linalg.norm(lit[[0, 1], [1, 0]]) > np.linalg.norm(np.diag(lit))
     raise CalibrationError(
-        "the projector's image is mirrored: switch its rear projection or ceiling mode off, and "
-        "the flipping of photographs in the camera's driver, or see that width and height are the "
-        'right way round'
+        "the projector's rows and columns are exchanged: give the photographs of the columns "
+        'first, or exchange its width and height'
+        if exchanged
+        else "the projector's image is mirrored: switch its rear projection or ceiling mode off, "
+        "and the flipping of photographs in the camera's driver, or see that width and height are "
+        'the right way round'
     )
 
 

@@ -7,11 +7,12 @@ import math
 import shutil
 import sys
 import threading
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
@@ -28,10 +29,13 @@ from ftp_dent_ros.cli.board_arguments import (
     session_of,
 )
 from ftp_dent_ros.errors import CalibrationError, ConfigurationError
+from ftp_dent_ros.files import write_png
 
 if TYPE_CHECKING:
     from ftp_dent_ros.ros.photographer import Photographer
 
+
+_say = partial(print, flush=True)
 
 ARGUMENTS = (
     argument('folder', type=Path, metavar='DIR', help='where the poses go; new'),
@@ -63,46 +67,39 @@ def run(arguments: argparse.Namespace) -> int:
             f'{folder}: is not empty: give a new folder, or --resume to go on with its poses'
         )
     remap = ['-r', f'__ns:={arguments.namespace}'] if arguments.namespace else []
-    with ros_session('calibration', remap) as (node, stop):
-        rig = Photographer(node, stop)
-        try:
-            size = rig.projector_size()
-            if arguments.projector is None:
-                arguments.projector = f'{size[0]}x{size[1]}'
-            session = session_of(arguments)
-            if size != (session.sequence.width, session.sequence.height):
-                raise ConfigurationError(
-                    f'--projector is {arguments.projector}, and {size[0]}x{size[1]} pixels are '
-                    'projected: leave it out, or correct the pattern'
-                )
-            if arguments.resume and (session.board, session.sequence) != (
-                before.board,
-                before.sequence,
-            ):
-                raise ConfigurationError(
-                    f'{folder}: was begun with another board or sequence (its calibration.yaml '
-                    'says which): give the same, or a new folder'
-                )
-            session = _measured(rig, session)
-            write_session(folder, session)
-            taken = _take_poses(rig, session, folder, arguments.poses, stop)
-        finally:
-            rig.close()
+    with (
+        ros_session('calibration', remap) as (node, stop),
+        closing(Photographer(node, stop)) as rig,
+    ):
+        size = rig.projector_size()
+        if arguments.projector is None:
+            arguments.projector = f'{size[0]}x{size[1]}'
+        session = session_of(arguments)
+        if size != (session.sequence.width, session.sequence.height):
+            raise ConfigurationError(
+                f'--projector is {arguments.projector}, and {size[0]}x{size[1]} pixels are '
+                'projected: leave it out, or correct the pattern'
+            )
+        if arguments.resume and (session.board, session.sequence) != (
+            before.board,
+            before.sequence,
+        ):
+            raise ConfigurationError(
+                f'{folder}: was begun with another board or sequence (its calibration.yaml '
+                'says which): give the same, or a new folder'
+            )
+        _say('measuring the projector: point it at the board, or at a wall ...')
+        delay = projector_delay(rig.show, rig.photograph, size)
+        rig.delay_ns = round(1e9 * delay)
+        _say(f'the projector shows an image {1e3 * delay:.0f} ms after it is told to')
+        session = replace(session, delay=delay)
+        write_session(folder, session)
+        taken = _take_poses(rig, session, folder, arguments.poses, stop)
     if taken < arguments.poses:
         print(f'\n{folder}: {taken} poses of {arguments.poses}. Go on with the same and --resume')
         return 1
     print(f'\n{folder}: {taken} poses. Now: ftp-dent calibrate solve {folder}')
     return 0
-
-
-def _measured(rig: Photographer, session: Session) -> Session:
-    """With the delay of the projector, measured and said."""
-    size = session.sequence.width, session.sequence.height
-    _say('measuring the projector: point it at the board, or at a wall ...')
-    delay = projector_delay(rig.show, rig.photograph, size)
-    rig.delay_ns = round(1e9 * delay)
-    _say(f'the projector shows an image {1e3 * delay:.0f} ms after it is told to')
-    return replace(session, delay=delay)
 
 
 def _take_poses(
@@ -111,11 +108,11 @@ def _take_poses(
     sequence, board = session.sequence, session.board
     seen, camera_size, number = _seen_before(folder, session)
     while len(seen) < wanted and not stop.is_set():
-        advice = next_pose(seen, board, camera_size, (sequence.width, sequence.height))
-        _say(f'\npose {len(seen) + 1} of {wanted}: {advice.sentence}')
-        if math.isfinite(advice.depth_deviation):
+        advice, known = next_pose(seen, board, camera_size, (sequence.width, sequence.height))
+        _say(f'\npose {len(seen) + 1} of {wanted}: {advice}')
+        if math.isfinite(known):
             _say(
-                f'  so far: depth known to {1e3 * advice.depth_deviation:.3f} mm, '
+                f'  so far: depth known to {1e3 * known:.3f} mm, '
                 f'{100 * covered(seen, camera_size):.0f} % of the image covered'
             )
         _say('  Enter takes it, q ends')
@@ -162,11 +159,8 @@ def _keep(folder: Path, session: Session, taken: dict[ProjectedFrame, NDArray[np
     unfinished = folder.with_name(f'.{folder.name}')
     shutil.rmtree(unfinished, ignore_errors=True)
     try:
-        unfinished.mkdir(parents=True)
         for number, frame in enumerate(session.sequence.frames):
-            # Encoded first: OpenCV does not tell of a full disk.
-            _, data = cv2.imencode('.png', taken[frame])
-            (unfinished / f'{frame.name}_{number:02d}.png').write_bytes(data.tobytes())
+            write_png(unfinished / f'{frame.name}_{number:02d}.png', taken[frame])
         unfinished.rename(folder)
     except OSError as reason:
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -174,7 +168,3 @@ def _keep(folder: Path, session: Session, taken: dict[ProjectedFrame, NDArray[np
             f'{folder}: cannot be written ({reason.strerror}): make room on the disk and go on '
             'with --resume; the poses before it are kept'
         ) from None
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
-
-from tqdm import tqdm
 
 from ftp_dent_ros.calibration.page import depth_words, write_page
 from ftp_dent_ros.calibration.session import find_poses, see_poses
@@ -50,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     for path in (output, page):
         check_writable(path)
     with progress_bar('reading poses', count, 'pose') as bar:
-        sights, left_out, size = see_poses(arguments.folder, session, _shown_on(bar))
+        sights, left_out, size = see_poses(arguments.folder, session, bar.update)
     for sight in sights:
         if sight.remark:
             print(f'{sight.observation.name}: {sight.remark}')
@@ -64,25 +61,16 @@ def run(arguments: argparse.Namespace) -> int:
                 size,
                 (session.sequence.width, session.sequence.height),
                 session.baseline,
-                progress=_shown_on(bar),
+                progress=bar.update,
             )
         except CalibrationError as reason:
             hint = f' (left out before: {left_out[0]})' if left_out else ''
             raise CalibrationError(f'{arguments.folder}: {reason}{hint}') from None
-        bar.update(STEPS - bar.n)
     left_out += [f'{name}: {reason}' for name, reason in solution.excluded.items()]
     write_page(page, solution, left_out)
     write_rig(output, solution.rig)
     sys.stdout.write('\n'.join(_summary(solution, output, page)) + '\n')
     return 0
-
-
-def _shown_on(bar: tqdm) -> Callable[[str], None]:
-    def step(name: str) -> None:
-        bar.set_postfix_str(name)
-        bar.update()
-
-    return step
 
 
 def _summary(solution: Solution, output: Path, page: Path) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -55,21 +56,20 @@ def run(arguments: argparse.Namespace) -> int:
     telling = {e.name: e for e in entries.values() if e.executable != SIMULATED_AUTOPILOT}
     namespace = entries['reconstruction'].namespace
     remap = ['-r', f'__ns:={namespace}'] if namespace != '/' else []
-    with session('preflight', remap) as (node, stop):
+    with (
+        session('preflight', remap) as (node, stop),
+        closing(Photographer(node, stop, colour=True)) as photographer,
+    ):
         states = _listen(node)
-        photographer = Photographer(node, stop, colour=True)
         photographer.delay_ns = _SETTLED_NS
         try:
             photographer.waited_for(lambda: _heard(states, telling), _HEARD)
-            size = photographer.projector_size()
-            findings = _photographs(photographer, size, entries)
+            findings = _photographs(photographer, entries)
             # What a node said before it saw the pattern tells nothing of it now.
             end = photographer.now_ns()
             photographer.waited_for(lambda: _heard(states, telling, end), _HEARD)
         except CameraError as reason:
             findings = [Finding('payload', NO, str(reason))]
-        finally:
-            photographer.close()
     findings += [_judged(entry, states) for entry in telling.values()]
     findings.append(_disk(arguments.bags))
     width = max(len(finding.name) for finding in findings)
@@ -83,9 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _photographs(
-    photographer: Photographer, size: tuple[int, int], entries: Mapping[str, NodeEntry]
-) -> list[Finding]:
+def _photographs(photographer: Photographer, entries: Mapping[str, NodeEntry]) -> list[Finding]:
+    width, height = photographer.projector_size()
     pattern = pattern_from_image(photographer.projected())
     camera, reconstruction = (
         settings_of(entries[name]) for name in ('camera_capture', 'reconstruction')
@@ -96,7 +95,7 @@ def _photographs(
         raise ConfigurationError(f'{where}: reconstruction has no rig: set the parameter rig')
     pattern.check_fits(rig.projector)
     reconstructor = Reconstructor(rig, pattern, Settings(stride=reconstruction.stride))
-    even = (np.full((size[1], size[0], 3), level, np.uint8) for level in (254, 0))
+    even = (np.full((height, width, 3), level, np.uint8) for level in (254, 0))
     white, black = map(photographer.take, even)
     photographer.take(pattern.draw())
     fringes, ages = [], []
@@ -116,9 +115,8 @@ def _photographs(
 def _clock(age: float, simulated: bool) -> Finding:
     """Whether the stamps are of this computer's clock, by how old they are when they arrive."""
     text = f'photographs are {1e3 * age:.0f} ms old when they arrive'
-    if simulated and age >= 0:
-        return Finding('clock', OK, f"{text}, rendered by this computer's own clock")
-    if -0.01 <= age <= _LATEST:
+    # What is simulated takes its time, by this computer's own clock.
+    if age >= 0 if simulated else -0.01 <= age <= _LATEST:
         return Finding('clock', OK, text)
     advice = 'set the clock of the camera and of this computer alike, and let nothing else run'
     return Finding('clock', NO, f'{text}: {advice}')

@@ -46,8 +46,6 @@ def pattern_from_image(image: NDArray[np.uint8]) -> Pattern:
             f'the pattern image has the shape {image.shape} and type {image.dtype}: '
             'publish an rgb8 image'
         )
-    if image.size and image.min() == image.max():
-        raise PatternError('an even image shows no straight fringes: publish the pattern again')
     if image.size and _spread(image, axis=0) > _spread(image, axis=1):
         return _upright(image.transpose(1, 0, 2)).transposed
     return _upright(image)

@@ -179,11 +179,8 @@ class Photograph:
         """Whether it shows no colours, though it may have three levels a pixel."""
         if self.is_flat:
             return not self.mosaic
-        for some in (self.pixels[::_EVERY, ::_EVERY], self.pixels):
-            red, green, blue = (some[..., channel] for channel in range(3))
-            if (red != green).any() or (green != blue).any():
-                return False
-        return True
+        red, green, blue = np.moveaxis(self.pixels, -1, 0)
+        return np.array_equal(red, green) and np.array_equal(green, blue)
 
     @property
     def unit(self) -> float:

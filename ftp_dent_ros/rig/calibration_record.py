@@ -57,9 +57,6 @@ class CalibrationRecord:
         """The block of ``rig.yaml``."""
         block = asdict(replace(self, covariance=None))
         del block['covariance']
-        for name in ('rms_px', 'held_out_rms_px'):
-            block[name] = {key: round(float(value), 4) for key, value in block[name].items()}
-        block['depth_range'] = [round(value, 4) for value in self.depth_range]
         if self.covariance is not None:
             block['covariance'] = {
                 'parameters': list(PARAMETERS),

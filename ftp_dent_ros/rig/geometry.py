@@ -6,6 +6,7 @@ and gives clouds that look right. What no rig can have is refused here.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,45 +52,33 @@ def moves_fringes(rig: Rig, axis: str) -> bool:
 
 
 def _check_lens(lens: Lens, name: str) -> None:
-    side = max(lens.width, lens.height)
-    focal = lens.camera_matrix[[0, 1], [0, 1]]
-    # Views of 2 * atan(0.5 / x), 1 to 157 degrees.
-    if (focal < 0.1 * side).any() or (focal > 57 * side).any():
-        raise RigError(
-            f'{name}.camera_matrix has the focal lengths {focal[0]:g} and {focal[1]:g} for an '
-            f'image of {lens.width}x{lens.height}, which no lens has: give them in pixels'
-        )
-    # Pixels of micromirrors stand on their corners, twice as far apart one way as the other.
-    if not 1 / 2.5 <= focal[0] / focal[1] <= 2.5:
-        raise RigError(
-            f'{name}.camera_matrix has the focal lengths {focal[0]:g} and {focal[1]:g}, too far '
-            'from each other for any pixels: calibrate again'
-        )
     size = np.array([lens.width, lens.height])
+    focal, (u, v) = lens.camera_matrix[[0, 1], [0, 1]], lens.camera_matrix[:2, 2]
+    # Views of 2 * atan(0.5 / x), 1 to 157 degrees.
+    view = focal.min() / size.max() >= 0.1 and focal.max() / size.max() <= 57
+    # Pixels of micromirrors stand on their corners, twice as far apart one way as the other.
+    pixels = 1 / 2.5 <= focal[0] / focal[1] <= 2.5
     # A projector's lens shift may put the principal point one image's size beside the image.
-    if (np.abs(lens.camera_matrix[:2, 2] / size - 0.5) > 0.5 + 1.0).any():
-        u, v = lens.camera_matrix[:2, 2]
+    shift = np.abs([u, v] / size - 0.5).max() <= 0.5 + 1.0
+    if not (view and pixels and shift):
         raise RigError(
-            f'{name}.camera_matrix has the principal point {u:g}, {v:g}, far outside the image '
-            f'of {lens.width}x{lens.height}: calibrate again'
+            f'{name}.camera_matrix has the focal lengths {focal[0]:g} and {focal[1]:g} and the '
+            f'principal point {u:g}, {v:g}, which are too short, too long, too far from each '
+            f'other or too far outside {lens.width}x{lens.height} pixels for any lens: give them '
+            'in pixels, or calibrate again'
         )
 
 
 def _check_view(rig: Rig, baseline: float) -> None:
     """Refuse a rig whose projector lights nothing that its camera sees."""
-    edge = np.linspace(0, 1, 17)
-    u, v = np.meshgrid(edge * (rig.camera.width - 1), edge * (rig.camera.height - 1))
-    rays = rig.camera.rays(np.stack([u, v], axis=-1)).reshape(-1, 3)
+    rays = rig.camera.rays(rig.camera.sample_grid(17, 17)).reshape(-1, 3)
     points = rig.to_projector(rays[:, None] * (baseline * _DISTANCES)[:, None])
-    ahead = points[..., 2] > 0
+    # Without distortion, which is a polynomial that runs wild outside the image.
+    straight = replace(rig.projector, distortion=np.zeros(5))
     with np.errstate(all='ignore'):
-        ideal = points[..., :2] / points[..., 2:]
-        focal = rig.projector.camera_matrix[[0, 1], [0, 1]]
-        # Without distortion, which is a polynomial that runs wild outside the image.
-        pixels = focal * ideal + rig.projector.camera_matrix[:2, 2]
-        inside = (pixels >= 0) & (pixels <= [rig.projector.width, rig.projector.height])
-    lit = ahead & inside.all(axis=-1)
-    if not lit.any():
+        pixels = straight.project(points)
+        inside = (pixels >= 0) & (pixels <= [straight.width, straight.height])
+    if not (inside.all(axis=-1) & (points[..., 2] > 0)).any():
         raise RigError(
             'extrinsics turn the projector away: it lights nothing that the camera sees: '
             'check that X_p = rotation X_c + translation'

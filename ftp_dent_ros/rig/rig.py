@@ -87,6 +87,11 @@ class Lens:
         u, v = np.meshgrid(np.arange(0, self.width, stride), np.arange(0, self.height, stride))
         return np.stack([u, v], axis=-1).astype(float)
 
+    def sample_grid(self, columns: int, rows: int) -> NDArray[np.float64]:
+        """Pixels (u, v) from corner to corner of the image, shape (rows, columns, 2)."""
+        u, v = np.linspace(0, self.width - 1, columns), np.linspace(0, self.height - 1, rows)
+        return np.stack(np.meshgrid(u, v), axis=-1)
+
     def _distort(self, ideal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Distorted coordinates of shape (..., 2) and their Jacobian of shape (..., 2, 2)."""
         k1, k2, p1, p2, k3 = self.distortion
@@ -274,9 +279,7 @@ def _lens(fields: Fields, block: str) -> Lens:
 
 def _refuse_folding(lens: Lens, block: str) -> None:
     """Refuse a distortion that maps two rays to one pixel inside the image."""
-    edge = np.linspace(0, 1, 33)
-    u, v = np.meshgrid(edge * (lens.width - 1), edge * (lens.height - 1))
-    pixels = np.stack([u, v], axis=-1)
+    pixels = lens.sample_grid(33, 33)
     with np.errstate(all='ignore'):
         rays = lens.rays(pixels)
         _, jacobian = lens._distort(rays[..., :2])

@@ -110,34 +110,24 @@ def test_a_charuco_board_may_be_seen_in_part(rig):
 def test_bad_poses_are_refused_with_their_reason(taken):
     good = taken[0]
 
-    def refused(photos):
-        with pytest.raises(CalibrationError) as reason:
-            observe('pose_7', photos, SEQUENCE, BOARD)
-        assert str(reason.value).startswith('pose_7: ')
-        return str(reason.value)
+    def each(change):
+        return {frame: change(image).astype(np.uint8) for frame, image in good.items()}
+
+    def exchanged(kind, *steps):
+        first, second = (ProjectedFrame(kind, 'u', step) for step in steps)
+        return good | {first: good[second], second: good[first]}
 
     later = [frame for frame in SEQUENCE.frames if frame.axis == 'v']
-    moved = good | {frame: np.roll(good[frame], 2, axis=1) for frame in later}
-    assert 'moved by 2.0 pixels' in refused(moved)
-    blurred = {frame: cv2.GaussianBlur(image, (0, 0), 6) for frame, image in good.items()}
-    assert 'blurred' in refused(blurred)
-    bright = {
-        frame: np.clip(4.0 * image, 0, 255).astype(np.uint8) for frame, image in good.items()
-    }
-    assert 'saturated' in refused(bright)
-    half = {frame: np.where(np.arange(640) < 320, image, 0) for frame, image in good.items()}
-    half = {frame: image.astype(np.uint8) for frame, image in half.items()}
-    assert 'seen whole' in refused(half)
-    exchanged = good | {
-        ProjectedFrame('gray', 'u', 1): good[ProjectedFrame('gray', 'u', 2)],
-        ProjectedFrame('gray', 'u', 2): good[ProjectedFrame('gray', 'u', 1)],
-    }
-    assert 'out of order' in refused(exchanged)
-    shuffled = good | {
-        ProjectedFrame('shift', 'u', 1): good[ProjectedFrame('shift', 'u', 3)],
-        ProjectedFrame('shift', 'u', 3): good[ProjectedFrame('shift', 'u', 1)],
-    }
-    assert 'out of order' in refused(shuffled)
+    for photos, reason in (
+        (good | {f: np.roll(good[f], 2, axis=1) for f in later}, r'moved by 2\.0 pixels'),
+        (each(lambda image: cv2.GaussianBlur(image, (0, 0), 6)), 'blurred'),
+        (each(lambda image: np.clip(4.0 * image, 0, 255)), 'saturated'),
+        (each(lambda image: np.where(np.arange(640) < 320, image, 0)), 'seen whole'),
+        (exchanged('gray', 1, 2), 'out of order'),
+        (exchanged('shift', 1, 3), 'out of order'),
+    ):
+        with pytest.raises(CalibrationError, match=reason):
+            observe('pose', photos, SEQUENCE, BOARD)
 
 
 def test_light_that_changes_is_not_called_disorder(rig, poses, taken):
@@ -171,7 +161,7 @@ def test_the_command_says_what_it_left_out_and_writes_nothing_by_halves(folder, 
     assert main(arguments) == 0
     said = capsys.readouterr().out
     assert 'left out: pose_3: no chessboard of 7x6' in said
-    assert 'left out: pose_4/' in said.replace(f'{folder}/', '')
+    assert f'left out: pose_4: {folder}/pose_4/' in said
     assert 'left out: pose_5: has' in said and 'no photograph is missing' in said
     assert read_rig(rig_file).record.poses == 3
     assert rig_file.with_suffix('.html').is_file()
@@ -231,6 +221,6 @@ def test_photographs_of_more_bits_keep_their_brightness_to_each_other(tmp_path, 
     files = {number: tmp_path / f'{number}.png' for number in range(count)}
     for path, image in zip(files.values(), levels, strict=True):
         assert cv2.imwrite(str(path), image.astype(np.uint16) << shift)
-    read = read_pose('pose', files, SEQUENCE)
+    read = read_pose(files, SEQUENCE)
     for frame, image in zip(SEQUENCE.frames, levels, strict=True):
         np.testing.assert_array_equal(read[frame], image)
