@@ -211,8 +211,10 @@ Sight = tuple[NDArray, ...]
 def albedo_table(surface: Surface) -> NDArray[np.float32]:
     """Albedo of every tone that a view can have, shape (3, 256)."""
     paints = [panel.paint for panel in surface.panels]
-    tones = [tone for paint in paints for tone in (paint.albedo, paint.albedo_beyond)]
-    return np.pad(np.array(tones, np.float32).T, ((0, 0), (0, 256 - len(tones))))
+    tones = np.zeros((256, 3), np.float32)
+    tones[: 2 * len(paints) : 2] = [np.broadcast_to(each.albedo, 3) for each in paints]
+    tones[1 : 2 * len(paints) : 2] = [np.broadcast_to(each.albedo_beyond, 3) for each in paints]
+    return tones.T
 
 
 def look(rig: Rig, surface: Surface, rays: Rays, photometry: Photometry) -> View:

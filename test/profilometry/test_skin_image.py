@@ -30,7 +30,9 @@ def seen():
     x, y, _ = np.moveaxis(skin.pose.inverse().apply(measured.cloud.points), -1, 0)
     known = measured.cloud.valid
     place = np.nan_to_num(x).astype(np.float32), np.nan_to_num(y).astype(np.float32)
-    paint = np.prod([mark.factor(*place) for mark in MARKS], axis=0)
+    # The marks are grey.
+    factors = [np.broadcast_to(mark.factor(*place), (3, *x.shape))[0] for mark in MARKS]
+    paint = np.prod(factors, axis=0)
     return scene, measured, paint, known
 
 

@@ -50,7 +50,7 @@ def test_a_dent_is_measured_on_flat_and_curved_skin(radius, known_noise):
     height, slope, _ = skin.bare_height(np.array([DENT.x]), np.array([DENT.y]))
     centre = skin.pose.apply(np.array([DENT.x, DENT.y, height[0]]))
     assert np.linalg.norm(dent.position - centre) < 3e-4
-    normal = skin.normal(np.array([DENT.x]), np.array([DENT.y]), bare=True)[0]
+    normal = skin.bare.normal(np.array([DENT.x]), np.array([DENT.y]))[0]
     assert dent.normal @ normal > 0.9999
     along = skin.pose.rotation.apply([np.cos(DENT.angle), np.sin(DENT.angle), slope[0]])
     assert abs(dent.axis @ along) > 0.995
