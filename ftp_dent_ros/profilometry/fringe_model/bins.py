@@ -173,17 +173,29 @@ def deconvolved(means: NDArray[np.float32], along_u: int, along_v: int) -> NDArr
     return sharp
 
 
-def nearest(values: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
-    """The values with the nearest known one where none is known."""
-    if known.all() or not known.any():
-        return values
-    away: Any = (~known).view(np.uint8)
-    _, label = cv2.distanceTransformWithLabels(
-        away, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    place = np.zeros(label.max() + 1, np.intp)
-    place[label[known]] = np.flatnonzero(known)
-    return values.ravel()[place[label]]
+class Nearest:
+    """Fills what is not known with the nearest that is.
+
+    Parameters
+    ----------
+    known : ndarray of bool, shape (rows, columns)
+    """
+
+    def __init__(self, known: NDArray[np.bool_]) -> None:
+        self._index: NDArray[np.intp] | None = None
+        if known.all() or not known.any():
+            return
+        away: Any = (~known).view(np.uint8)
+        _, label = cv2.distanceTransformWithLabels(
+            away, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        place = np.zeros(label.max() + 1, np.intp)
+        place[label[known]] = np.flatnonzero(known)
+        self._index = place[label]
+
+    def __call__(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The values with the nearest known one where none is known."""
+        return values if self._index is None else values.ravel()[self._index]
 
 
 def _gaussian(values: Any, sigma_u: float, sigma_v: float) -> Any:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.start import Start
 
@@ -42,12 +42,13 @@ def lit_bins(
         how(surface.view(np.uint8), _box(grid, fringes)) > 0
         for how, fringes in ((cv2.erode, _ACROSS), (cv2.dilate, _BEYOND))
     )
+    from_inside = Nearest(inner)
     away, level, amplitude = (
-        grid.at_bins(nearest(each, inner))
+        grid.at_bins(from_inside(each))
         for each in (grid.at_nodes(phase - reference), start.level, start.amplitude)
     )
     onwards = reference + away
-    beyond = grid.at_bins(nearest(start.level, ~near))
+    beyond = grid.at_bins(Nearest(~near)(start.level))
     fringes = np.square(light.red - level - amplitude * np.cos(onwards))
     gain = light.usable * (np.square(light.red - beyond) - fringes)
     gain = np.where(grid.repeated(near), gain, 0) - np.float32(_ROUNDING)

@@ -22,7 +22,7 @@ from ftp_dent_ros.errors import (
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
@@ -230,7 +230,8 @@ class FringeModel:
         What is beyond a surface is far from its quadric by as much as the nearest of it.
         """
         known = numbered >= 0
-        label = nearest(numbered, known)
+        nearest = Nearest(known)
+        label = nearest(numbered)
         phase = start.phase + _TURN * np.array(list(orders.values()), np.float32)[label]
         inverse, _ = self._nodes.meet(phase)
         reference, away = np.empty(self.grid.shape, np.float32), np.empty_like(phase)
@@ -245,7 +246,7 @@ class FringeModel:
         smooth = self.grid.smooth_nodes(away * known, _SMOOTH) / share
         away = np.where(np.abs(smooth - away) < _OFF, smooth, away)
         # A surface without a number is whole fringes off its neighbour's, or none.
-        beside = nearest(away, known)
+        beside = nearest(away)
         away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
         along_u, along_v = self.grid.fringe
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
@@ -268,8 +269,9 @@ class FringeModel:
         windows = Windows(self.grid, wave, slope, outside)
         red, grey = windows.fit(light.red), windows.fit(light.grey)
         known = (windows.weight > _WEIGHT) & (red.amplitude > _AMPLITUDE)
-        ratio = nearest(grey.amplitude / np.maximum(red.amplitude, 1), known)
-        offset = nearest(grey.level - ratio * red.level, known)
+        nearest = Nearest(known)
+        ratio = nearest(grey.amplitude / np.maximum(red.amplitude, 1))
+        offset = nearest(grey.level - ratio * red.level)
         filled = self.grid.at_bins(offset) + self.grid.at_bins(ratio) * light.red
         return np.where(stripe, filled, light.grey)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, deconvolved, nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, deconvolved
 from ftp_dent_ros.profilometry.fringe_model.denoising import Denoised, denoise
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
@@ -140,13 +140,15 @@ class Points:
         coarse = mean(away)
         denoised = denoise(grid, coarse, changes, nodes.astype(np.float32))
 
+        on_surface = Nearest(nodes)
+
         def at_bins(values: NDArray[np.float32]) -> NDArray[np.float32]:
-            return grid.at_bins(nearest(values, nodes))
+            return grid.at_bins(on_surface(values))
 
         # What is finer than the nodes is as good as the finest octave.
         finest = np.clip(at_bins(denoised.finest), 0, 1)
         denoised_phase, coarse = (
-            grid.at_bins(deconvolved(nearest(each, nodes), grid.node, 1))
+            grid.at_bins(deconvolved(on_surface(each), grid.node, 1))
             for each in (denoised.phase, coarse)
         )
         phase = smooth + denoised_phase + finest * (away - coarse)
@@ -183,10 +185,11 @@ class Points:
         stripe = good & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else good])
         away = np.where(own, inverse - quadric.at(*self._grid.bin_places), 0)
-        away = nearest(away.astype(np.float32), own)
+        led_on = Nearest(own)
+        away = led_on(away.astype(np.float32))
         away = self._at_pixels(deconvolved(away, self._grid.step, self._grid.rows))
         z = 1 / (quadric.at(*self._grid.places(*self._pixels)) + away)
-        variance = nearest(variance, own)
+        variance = led_on(variance)
         sigma = self._at_pixels(self._bins.deviation(phase, variance))
         on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0) & (sigma < _FAR * z)
         on &= self._at_pixels(rim) > RIM
@@ -204,13 +207,11 @@ class Points:
         """Share of the surface's light, led on beyond it, which is there (eq. 11)."""
         grid = self._grid
         wave, _ = self._fit.waveform.at(phase)
-        level, amplitude = (
-            nearest(each, inner) for each in (self._fit.level, self._fit.amplitude)
-        )
+        level, amplitude = map(Nearest(inner), (self._fit.level, self._fit.amplitude))
         nodes = grid.at_nodes((~near).astype(np.float32)) == 1
         if not nodes.any():
             return np.zeros(grid.shape, np.float32)
-        beyond = grid.at_bins(nearest(grid.at_nodes(self._light), nodes))
+        beyond = grid.at_bins(Nearest(nodes)(grid.at_nodes(self._light)))
         surface = level + amplitude * wave - beyond
         here, all_of_it = (
             grid.smooth_bins(each, _RIM_WIDTH)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
@@ -135,7 +135,7 @@ def fit_planes(
     wrapped = wrap(phase - planes[best].at_nodes)
     tied = fringes & ~_leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
     unwrapped = unwrap(wrapped, tied, jump=_JUMP)
-    away = nearest(unwrapped.phase, unwrapped.part >= 0)
+    away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
     return Start(
         *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, rest),
