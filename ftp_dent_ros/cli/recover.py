@@ -7,6 +7,7 @@ stopped. Every whole chunk before it comes back.
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -79,7 +80,7 @@ def recover(
     bag : Path
         Folder or ``.mcap`` file.
     output : Path
-        Folder of the new bag; must not exist, and does not if something fails.
+        Folder of the new bag; appears when it is complete, and must not exist.
     progress : callable, optional
         Called with each number of bytes read.
 
@@ -90,16 +91,23 @@ def recover(
     """
     files = mcap_files(bag)
     recovery = Recovery()
-    writer = BagWriter(output)
+    if output.exists():
+        raise BagError(
+            f'{output}: exists already and is not overwritten: choose another output folder'
+        )
+    # The file in a bag is called as the bag.
+    hidden = output.with_name(f'.{output.name}.{os.getpid()}') / output.name
     try:
-        with writer:
+        with BagWriter(hidden) as writer:
             for path in files:
                 writer.write(_messages(path, writer, recovery, progress))
             if all(recovery.cut.get(path.name, 0) == path.stat().st_size for path in files):
                 raise BagError(f'{bag}: holds no whole part of an MCAP file: nothing to recover')
-    except BaseException:
-        shutil.rmtree(output)
-        raise
+        os.rename(hidden, output)
+    except BagError as error:
+        raise BagError(str(error).replace(str(hidden), str(output))) from None
+    finally:
+        shutil.rmtree(hidden.parent, ignore_errors=True)
     recovery.message_counts = {
         topic.name: writer.message_counts[topic.name] for topic in writer.topics
     }

@@ -176,8 +176,9 @@ class DentListing:
                 self._kept.clear()
             with self._kept_on_disk():
                 self._kept.add(frame_id, stamp_ns, dents, pose, covariance)
-                # Meanwhile it may have been found to lie elsewhere.
-                if stamp_ns in self._poses:
+            # Meanwhile it may have been found to lie elsewhere.
+            if stamp_ns in self._poses:
+                with self._kept_on_disk():
                     self._kept.correct(frame_id, {stamp_ns: self._poses[stamp_ns]})
         self._drawing.put(self._kept)
 

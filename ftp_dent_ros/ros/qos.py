@@ -130,5 +130,5 @@ class AnySubscription:
             quality(*offered, self._depth),
             **self._options,
         )
-        how = 'reliably again' if offered[0] else 'with best effort, and may lose messages'
-        self._node.get_logger().info(f'{self._subscription.topic_name} is heard {how}')
+        how = 'reliably' if offered[0] else 'with best effort, and may lose messages'
+        self._node.get_logger().info(f'{self._subscription.topic_name} is heard {how} from now on')

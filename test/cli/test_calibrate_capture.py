@@ -47,6 +47,13 @@ def test_a_rig_that_cannot_be_written_is_told_before_anything_is_read(tmp_path, 
     assert 'rig.yaml: cannot be written' in capsys.readouterr().err
 
 
+def test_what_was_being_written_is_no_pose(tmp_path):
+    _keep(tmp_path / 'pose_00', SESSION, pose(0))
+    _keep(tmp_path / 'pose_01', SESSION, pose(1))
+    (tmp_path / 'pose_01').rename(tmp_path / '.pose_01')
+    assert list(find_poses(tmp_path)) == ['pose_00']
+
+
 def test_a_capture_goes_on_with_the_poses_there_are(tmp_path):
     assert _seen_before(tmp_path, SESSION) == ([], (0, 0), 0)
     _keep(tmp_path / 'pose_07', SESSION, pose(7))

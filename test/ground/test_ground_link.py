@@ -4,6 +4,7 @@ import itertools
 import json
 import random
 import shutil
+import threading
 import time
 
 import pytest
@@ -61,6 +62,15 @@ def cloud(stamp):
 
 def dents(stamp):
     return Item(Importance.DENTS, 'dents/list', 'k', stamp, b'list', latest=True)
+
+
+def test_the_payload_does_not_wait_for_a_link_that_is_dead(address, tmp_path):
+    drone = drone_at(address, folder=tmp_path)
+    for stamp in range(50):
+        drone.put(cloud(stamp))
+    assert int(drone.state()['waiting: clouds']) == 50 and threading.active_count() < 50
+    drone.close()
+    assert len(list(tmp_path.iterdir())) == 50
 
 
 def test_two_grounds_and_one_that_comes_late(address):

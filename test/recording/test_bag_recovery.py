@@ -104,6 +104,13 @@ def test_what_cannot_be_recovered(tmp_path, content):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['old', 'x.mcap']
 
 
+def test_a_bag_has_its_name_only_when_it_is_whole(tmp_path, bag):
+    there = []
+    recover(bag, tmp_path / 'new', lambda size: there.append((tmp_path / 'new').exists()))
+    assert there and not any(there)
+    assert {path.name for path in tmp_path.iterdir()} == {bag.name, 'new'}
+
+
 def test_an_output_that_exists_is_not_touched(tmp_path, bag):
     (tmp_path / 'new').mkdir()
     with pytest.raises(BagError, match='exists already'):
