@@ -18,7 +18,7 @@
      │   ├─ NoPatternError        it is not known what is projected
      │   ├─ PatternChangeError    taken while the projector changed its pattern
      │   ├─ StampError            its stamp cannot be: of the future, or there already
-     │   ├─ OtherPatternError     the fringes seen are not those of the pattern told
+     │   ├─ OtherPatternError     the fringes seen are not those of the pattern given
      │   ├─ TooDarkError          no fringes: the lamp is off, or the skin is out of its light
      │   ├─ SaturatedError        the fringes are clipped: the exposure is too long
      │   ├─ NoFringesError        what is lit is noise, texture, or another pattern
@@ -170,7 +170,7 @@ class StampError(RefusedFrameError):
 
 
 class OtherPatternError(RefusedFrameError):
-    """The fringes seen cannot be those of the pattern told."""
+    """The fringes seen cannot be those of the pattern given."""
 
     reason = 'another pattern'
 

@@ -1,7 +1,7 @@
 """Records of plain data: what a field may be stands in its type, and is checked in one way.
 
 ``width: Positive`` of a dataclass that is `Checked` says all there is to say: whoever makes one,
-in code or of a file's `Fields`, is told in one sentence what is wrong, where, and what to give.
+in code or of a file's `Fields`, reads in one sentence what is wrong, where, and what to give.
 """
 
 from __future__ import annotations

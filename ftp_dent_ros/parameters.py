@@ -129,7 +129,7 @@ class Declarations:
 
         A relative path is one from the configuration's folder where ``ftp-dent up`` or the
         launch file read it there, else from where the node runs; ``shipped:NAME`` is one of the
-        package's. Which file it is gets told, with the id of its content, unless it is `secret`.
+        package's. The log names the file, with the id of its content, unless it is `secret`.
 
         Raises
         ------

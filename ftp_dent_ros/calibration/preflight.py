@@ -181,6 +181,6 @@ def _distance(cloud: Cloud, settings: Smallest | None) -> Finding:
         found = inspect(cloud, settings)
     except CloudError as reason:
         return Finding('distance', WARN, f'{text}; {reason}')
-    # On 95 % of the skin the smallest dent that is told would be found.
+    # On 95 % of the skin a dent of this depth would be found.
     findable = np.nanpercentile(found.findable, 95)
     return Finding('distance', OK, f'{text}, dents found from {1e3 * findable:.2f} mm depth')

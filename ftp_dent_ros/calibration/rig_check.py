@@ -81,7 +81,7 @@ class Check:
         Axes about which the projector has moved, surely.
     camera_px : float
         Distance of a board's corners from where the camera's lens model has them, root mean
-        square, told by the nearest four fifths of them; None if no board was seen.
+        square, by the nearest four fifths of them; None if no board was seen.
     """
 
     turn: NDArray[np.float64]
@@ -95,7 +95,7 @@ class Check:
 
     @property
     def camera_holds(self) -> bool:
-        """Whether the camera's lens model fits, as far as a board told."""
+        """Whether the camera's lens model fits, as far as a board shows."""
         # Corners of a board, through fringes, fit a lens that holds to a tenth of a pixel; RMS,
         # pixels.
         return self.camera_px is None or self.camera_px <= 0.25
@@ -116,7 +116,7 @@ class Check:
         if not self.camera_holds:
             return (
                 f"the rig does not hold: the board's corners are {self.camera_px:.2f} pixels from "
-                "where the camera's lens model has them: see that the board is the one told; "
+                "where the camera's lens model has them: see that the board is the one given; "
                 'else the lens has changed: calibrate again'
             )
         if self.moved:
@@ -536,10 +536,10 @@ class CheckAside:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
-        told, _ = process.communicate(pickle.dumps(given))
+        answered, _ = process.communicate(pickle.dumps(given))
         if process.returncode:
             raise CalibrationError(f'its process ended with the status {process.returncode}')
-        found = pickle.loads(told)
+        found = pickle.loads(answered)
         if isinstance(found, CalibrationError):
             raise found
         return found

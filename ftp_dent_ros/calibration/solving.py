@@ -50,7 +50,7 @@ def select(estimate: Adjustment, progress: Callable[[], object]) -> Model:
     estimate : Adjustment
         With all terms: where each candidate starts.
     progress : callable
-        Told after each candidate.
+        Called after each candidate.
     """
 
     @cache
@@ -78,7 +78,7 @@ def held_out_score(estimate: Adjustment, candidate: Model) -> float:
 
 
 def held_out(estimate: Adjustment, candidate: Model, wanted: int) -> list[Adjustment]:
-    """Each part of the poses with a rig of the others, by which only the board's places are told.
+    """Each part of the poses with a rig of the others, whose poses place the board alone.
 
     There are as many parts as wanted or, of few poses, more; none if too few would be left.
     """
@@ -103,7 +103,7 @@ class HeldOut:
     rms : tuple of 3 floats
         Camera, projector and both, pixels.
     stereo_rms : float
-        Of the projector, with the board's place told by the camera alone; pixels.
+        Of the projector, with the board's place by the camera alone; pixels.
     depth_errors : ndarray, shape (m,)
         Of every corner: its triangulated depth less that of the board's plane; metres.
     depths : ndarray, shape (m,)
@@ -251,7 +251,7 @@ def solve(
     model : Model, optional
         The terms to estimate; chosen by cross-validation if left out.
     progress : callable
-        Told after each of the `STEPS` candidates at most among which the terms are chosen.
+        Called after each candidate among which the terms are chosen, `STEPS` at most.
 
     Raises
     ------

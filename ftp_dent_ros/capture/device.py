@@ -24,7 +24,7 @@ from ftp_dent_ros.photograph.photograph import Photograph
 _SWAPPED = ('NV12', 'NV21')
 # Seconds between two tries to open a camera that is gone.
 _PAUSE = 1.0
-# Seconds without an image after which one is told to be missing.
+# Seconds without an image after which a sentence says so.
 _PATIENCE = 3.0
 
 

@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         _say('measuring the projector: point it at the board, or at a wall ...')
         delay = projector_delay(rig.show, rig.photograph, size)
         rig.delay_ns = round(1e9 * delay)
-        _say(f'the projector shows an image {1e3 * delay:.0f} ms after it is told to')
+        _say(f'the projector shows an image {1e3 * delay:.0f} ms after its message')
         session = replace(session, delay=delay)
         write_session(folder, session)
         taken = _take_poses(rig, session, folder, arguments.poses, stop)

@@ -47,7 +47,7 @@ ARGUMENTS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check, say, and adjust if it is asked for: 0 holds, 1 does not or is not told.
+    """Check, say, and adjust if it is asked for: 0 holds, 1 does not or is not known.
 
     A projector's turn can be taken out, a lens that has changed cannot, and what is not seen is
     not known: then nothing is written.

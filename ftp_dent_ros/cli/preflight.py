@@ -135,7 +135,7 @@ def _listen(node: Node) -> States:
 
 
 def _heard(states: States, names: Iterable[str], since_ns: int = 0) -> bool:
-    """Whether every node has told its state since a moment."""
+    """Whether every node has published its state since a moment."""
     return all(name in states and states[name][0] >= since_ns for name in names)
 
 

@@ -34,7 +34,7 @@ _SENTENCES = {
 }
 _UNCONFIRMED = (
     "no rim of the projector's frame that would tell is seen in its place, left or right: whether "
-    'the pattern is the one told could not be checked'
+    'the pattern is the one given could not be checked'
 )
 REASONS = tuple(_SENTENCES)
 #: Name, in diagnostics, of the stamp (ns) of the cloud that the shares beside it are of.
@@ -53,7 +53,7 @@ class Coverage:
         By reason, one of this module's: the share of the lit area, but for its rim, without
         points for it, 0 to 1.
     confirmed : bool
-        Whether the photograph itself shows that the pattern is the one told.
+        Whether the photograph itself shows that the pattern is the one given.
     brightest : float
         The photograph's highest level as a share of white.
     """
@@ -85,7 +85,7 @@ class Coverage:
 
     @classmethod
     def noted(cls, values: Mapping[str, str]) -> Coverage | None:
-        """Coverage that `notes` has told, to a tenth of a percent; None if there is none."""
+        """Coverage that `notes` has written, to a tenth of a percent; None if there is none."""
         if _WITH not in values:
             return None
         try:

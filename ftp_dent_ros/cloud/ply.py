@@ -64,7 +64,7 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, frame_id: str, rig_id:
         f'obj_info num_cols {columns}',
         f'obj_info num_rows {rows}',
         f'element vertex {len(vertex)}',
-        *_told(properties),
+        *_lines(properties),
         'end_header',
     ]
     try:
@@ -90,7 +90,7 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str, str]:
     ------
     CloudError
         The file cannot be read, is cut short, has no grid or one that no camera has, or is a
-        PLY of another layout; told by the header, before anything large is read or made.
+        PLY of another layout; the header shows it, before anything large is read or made.
     """
     try:
         with Path(path).open('rb') as file:
@@ -111,7 +111,7 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Cloud, str, str]:
     return cloud, _after(FRAME, lines), _after(RIG, lines)
 
 
-def _told(properties: list[tuple[str, str]]) -> list[str]:
+def _lines(properties: list[tuple[str, str]]) -> list[str]:
     return [f'property {kind} {name}' for name, kind in properties]
 
 
@@ -125,11 +125,11 @@ def _layout(lines: list[str]) -> tuple[np.dtype, int, tuple[int, int]]:
     """Type of a vertex, how many there are, and rows and columns of the grid, of a header."""
     if lines[1:2] != [_FORMAT]:
         raise CloudError(f'its format is not "{_FORMAT}": give a cloud written by ftp-dent')
-    properties = [*_PROPERTIES, _SKIN] if _told([_SKIN])[0] in lines else _PROPERTIES
-    told = [line for line in lines if line.startswith('property ')]
+    properties = [*_PROPERTIES, _SKIN] if _lines([_SKIN])[0] in lines else _PROPERTIES
+    given = [line for line in lines if line.startswith('property ')]
     names = ('obj_info num_rows ', 'obj_info num_cols ', 'element vertex ')
     numbers = [_after(name, lines) for name in names]
-    if told != _told(properties) or not all(map(_WHOLE.fullmatch, numbers)):
+    if given != _lines(properties) or not all(map(_WHOLE.fullmatch, numbers)):
         raise CloudError(
             'not an organised cloud as ftp-dent writes it, with its grid: give one that is'
         )

@@ -115,7 +115,7 @@ class MeasuredDent:
         Distance from the centre along each axis, and depth below the contour; metres.
     reason : str
         Where the kind, or its being one dent, is in doubt: why. Of a step: if it is all round a
-        plate, whose length, width and area are then told.
+        plate, whose length, width and area are then given.
     clearance : float
         From this outline to the next dent's, metres; infinite if there is none.
     """
@@ -235,7 +235,7 @@ def orientation_of(normal: Vector, axis: Vector) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Waviness:
-    """What is told of a panel's waviness.
+    """How wavy a panel is.
 
     Attributes
     ----------
@@ -263,7 +263,7 @@ class Inspection:
     others : tuple of MeasuredDent
         Creases, gouges, bumps, steps, and what is none of these.
     waviness : tuple of Waviness
-        Of the panels that are wavy; what is told of dents is beside it.
+        Of the panels that are wavy; dents are measured beside it.
     deviation : ndarray, shape (rows, columns)
         Depth of each point of the cloud below the undeformed contour, metres, inward positive;
         NaN where nothing is measured.

@@ -220,7 +220,7 @@ def position_covariance(
 
 
 def known_covariance(covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """The covariance of a pose's error, shape (6, 6), also where it was not told."""
+    """The covariance of a pose's error, shape (6, 6), also where none is stated."""
     if covariance is None or not np.any(covariance):
         return np.diag([UNKNOWN_POSITION**2] * 3 + [UNKNOWN_ANGLE**2] * 3)
     # No pose is better than 1 mm, 0.5 mrad.

@@ -22,8 +22,8 @@ from scipy.special import bdtrc
 from ftp_dent_ros.dents.dent import MeasuredDent
 from ftp_dent_ros.pose import Pose
 
-# How far what is seen of one mark strays in the picture, radians: its sizes are told otherwise in
-# each cloud, and a mark on the projector's glass moves with the distance.
+# How far what is seen of one mark strays in the picture, radians: its sizes differ from cloud to
+# cloud, and a mark on the projector's glass moves with the distance.
 _STRAYS = 0.012
 # So far the camera has moved at least if it is elsewhere, metres.
 _ELSEWHERE = 0.03
@@ -156,7 +156,7 @@ class Glass:
 
 
 def sentence(marks: Sequence[Spot]) -> str:
-    """What is told of marks; empty if there is none."""
+    """Of marks, for people; empty if there is none."""
     if not marks:
         return ''
     many = 'places keep their' if len(marks) > 1 else 'place keeps its'

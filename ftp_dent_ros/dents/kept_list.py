@@ -1,4 +1,4 @@
-"""The list of dents of a flight: corrected with its poses, kept on disk if it is told where."""
+"""The list of dents of a flight: corrected with its poses, kept on disk if a file is named."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _EVERY = 8
 
 
 class KeptList:
-    """A `DentList` in one frame of reference, whose clouds are told apart by their stamps.
+    """A `DentList` in one frame of reference, whose clouds differ by their stamps.
 
     Parameters
     ----------

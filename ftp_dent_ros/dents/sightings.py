@@ -254,6 +254,6 @@ def _compared(
     # A part of the size is added.
     spread = np.hypot(np.hypot(sigma[0][:, None], sigma[1]), 0.08 * np.nan_to_num(size))
     cut = np.array([d.is_cut for d in seen])[:, None] | np.array([d.is_cut for d in known])
-    told = ~cut & np.isfinite(size)
-    difference = np.where(told, np.abs(values[0] - values[1]), 0.0)
-    return difference, np.maximum(spread, 1e-9), np.where(told, size, 0.0)
+    known_size = ~cut & np.isfinite(size)
+    difference = np.where(known_size, np.abs(values[0] - values[1]), 0.0)
+    return difference, np.maximum(spread, 1e-9), np.where(known_size, size, 0.0)

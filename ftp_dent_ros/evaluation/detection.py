@@ -247,7 +247,7 @@ class Detection:
 
 
 def detection(depths: Values, widths: Values, hits: Values) -> Detection:
-    """Fit hits (1) and misses (0) of dents, shape (n,), metres; depths are told at 30 mm wide."""
+    """Fit hits (1) and misses (0) of dents, shape (n,), metres; depths are of 30 mm wide ones."""
     count, found = len(hits), int(np.sum(hits))
     if count < 10 or found in (0, count):
         return Detection(count, found, math.nan, math.nan, (math.nan,) * 3)

@@ -67,14 +67,14 @@ class Camera:
             return []
         if source != autopilot and source[0] != self._ground_station:
             return []
-        number, told = command.command, []
+        number, answers = command.command, []
         if number == mavlink.MAV_CMD_IMAGE_START_CAPTURE:
             result = self._capture(command, source, boot_ms)
         # Not a shot that the autopilot got as well and passes on.
         elif number == _DIGICAM and command.param5 == 1 and (is_ours or source == autopilot):
             result = self._result()
         elif _asks(command, _INFORMATION, mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION):
-            result, told = _ACCEPTED, [self.information(size, boot_ms)]
+            result, answers = _ACCEPTED, [self.information(size, boot_ms)]
         elif _asks(command, _STATUS, mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS):
             # Never busy, for a command of its own is a photograph each.
             status = mavlink.MAVLink_camera_capture_status_message(
@@ -86,7 +86,7 @@ class Camera:
                 available_capacity=0.0,
                 image_count=self._images,
             )
-            result, told = _ACCEPTED, [status]
+            result, answers = _ACCEPTED, [status]
         elif is_ours:
             result = mavlink.MAV_RESULT_UNSUPPORTED
         else:
@@ -94,7 +94,7 @@ class Camera:
         ack = mavlink.MAVLink_command_ack_message(
             number, result, target_system=source[0], target_component=source[1]
         )
-        return [ack, *told]
+        return [ack, *answers]
 
     def information(self, size: tuple[int, int], boot_ms: int) -> Any:
         """CAMERA_INFORMATION, with the size of the images (0 if not known yet)."""

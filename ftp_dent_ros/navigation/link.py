@@ -106,7 +106,7 @@ class _Udp:
             raise
 
     def receive(self) -> tuple[bytes, Peer]:
-        # What found nobody is told here as well: the autopilot is not there just now.
+        # An error of what found nobody comes here as well: the autopilot is not there just now.
         try:
             return self.channel.recvfrom(_LARGEST)
         except (BlockingIOError, ConnectionError):

@@ -146,7 +146,7 @@ class DentListing:
         self._lock = threading.Lock()
         self._path: Path | None = None
         self._poses: dict[int, Pose] = {}
-        #: What is told of marks on a glass; empty if there is none.
+        #: A sentence on marks on a glass; empty if there is none.
         self.on_glass = ''
         self._list = node.create_publisher(PointCloud2, 'dents/list', LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'dents/markers', LATCHED)

@@ -120,7 +120,7 @@ class BridgeCamera:
         offset, now_ns = state.clock_offset, self._node.now_ns()
         boot_ms = 0 if offset is None else round(1e3 * (now_ns / 1e9 - offset))
         if self._size != self._sent_size:
-            # Whoever asked before the first image was told that it is not known.
+            # Whoever asked before the first image was answered that it is not known.
             self._sent_size = self._size
             self._send(self._camera.information(self._size, boot_ms))
         while self._commands:
@@ -131,7 +131,7 @@ class BridgeCamera:
         for image, found in settled(self._images, self._node.link, timeout):
             tag = None if isinstance(found, PoseError) else found
             self._send(self._camera.captured(image.stamp, tag, self._mount, state.origin))
-            self._node.diagnostics.count('images told')
+            self._node.diagnostics.count('images reported')
 
     def _send(self, message: Any) -> None:
         self._node.link.send(message, COMPONENT)

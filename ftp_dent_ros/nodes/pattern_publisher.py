@@ -4,7 +4,7 @@ Latched ``projector/image_raw`` (rgb8) holds exactly the pixels to project, and
 ``projector/camera_info`` the projector's intrinsics. It can also show the pattern itself, on a
 projector that is a display of this computer, with a desktop or without one.
 
-The stamp is the time from which on the pattern is shown. A change is told of a little before it
+The stamp is the time from which on the pattern is shown. A change is published a little before it
 is shown, so that no photograph of it can be faster than the message. Images of ``projector/show``
 (a calibration's, say) are shown and published in the pattern's stead, until an empty one or half
 a minute without any.

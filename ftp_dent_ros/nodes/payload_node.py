@@ -65,7 +65,7 @@ class PayloadNode(Node, Generic[Settings]):
         reason: str = '',
         **options: Any,
     ) -> None:
-        """Subscribe to a topic; what `take` raises is told and ends nothing.
+        """Subscribe to a topic; what `take` raises is logged and ends nothing.
 
         `reason` is that of `Diagnostics.guarded`.
         """

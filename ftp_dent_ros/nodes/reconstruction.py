@@ -171,7 +171,7 @@ class Reconstruction(PayloadNode[ReconstructionSettings]):
         clouds = [self._covered.popleft() for _ in range(len(self._covered))]
         if clouds:
             stamp_ns, worst = min(clouds, key=lambda each: each[1].share)
-            # That the pattern could not be checked is told of each of them.
+            # If the pattern of one of them could not be checked, the note says so.
             shown = replace(worst, confirmed=all(coverage.confirmed for _, coverage in clouds))
             self.diagnostics.note({**shown.notes, NOTED_STAMP: stamp_ns})
 

@@ -67,7 +67,7 @@ class RigWatch:
     def on_info(self, message: CameraInfo) -> None:
         """Compare the lens that the camera says with the rig's; what is no lens contradicts none.
 
-        What is believed is the rig, so that a message that cannot be read is told and ignored.
+        What is believed is the rig, so that a message that cannot be read is logged and ignored.
         """
         values = (message.width, message.height, tuple(message.k), tuple(message.d))
         if self._rig is None or values == self._camera_info:
@@ -85,7 +85,7 @@ class RigWatch:
         )
 
     def pattern_changed(self) -> None:
-        """Forget what clouds of another pattern told: of this rig, but not by these rows."""
+        """Forget the clouds of another pattern: they are of this rig, but not of these rows."""
         self._epipolar.clear()
 
     def look(self, pattern: Pattern, photograph: Photograph, measurement: Measurement) -> None:

@@ -158,20 +158,20 @@ def _coded_fringes(
     high = whole > 1 - (1 - whole.min(initial=1)) / 2
     index = np.arange(1, len(contrast) - 1)
     # The fit may take the first column for the fringe beside.
-    told = [
+    fitting = [
         (sequence, lead)
         for sequence in SEQUENCES
         for lead in (0, 1, -1)
         if (high == sequence[index + lead & _LAST]).all()
     ]
-    if len(whole) < _LEAST_FRINGES or not told:
+    if len(whole) < _LEAST_FRINGES or not fitting:
         raise PatternError(
             'the pattern image shows neither a red stripe nor fringes with the contrast of the '
             'code: publish the image that pattern_publisher draws'
         )
     low_contrast = np.median(whole[~high]) / np.median(whole[high])
     found = []
-    for sequence, lead in told:
+    for sequence, lead in fitting:
         code = np.where(sequence, 1, low_contrast)[order - first + lead & _LAST]
         even = half + (level - half) / code
         fringes = _fit_fringes(u, even, centre)

@@ -40,7 +40,7 @@ CODES = 'stripe', 'contrast'
 AXES = 'u', 'v'
 # What the contrast's code needs, and the stripe does not.
 OF_CODE = 'low_contrast', 'row_depth', 'row_period_px'
-# Zeros that are told apart within a fringe; and periods, by their logarithm over that of 8 px.
+# Zeros that differ within a fringe; and periods, by their logarithm over that of 8 px.
 _ZEROS, _PERIODS, _PERIOD_STEP, _FIRST_PERIOD = 4, 4, 0.02, 8.0
 
 # Registers: the bits that are added up for the next one, the oldest first; 1 if one more is added;
@@ -93,7 +93,7 @@ class Pattern(Checked):
     row_depth, row_period_px : float
         What the contrast loses along the fringes at most, 0 (nothing) to 0.3, and the period of
         it, pixels, where the contrast is the code. The period is no part of most projectors'
-        heights: 720 rows are 15 and a half, so that a pattern upside down is told.
+        heights: 720 rows are 15 and a half, so that a pattern upside down shows.
 
     Raises
     ------
@@ -163,7 +163,7 @@ class Pattern(Checked):
         """Which fringes have the full contrast, from the panel's first on.
 
         Patterns whose periods differ by 2 % or some more, or their zeros by a quarter of a fringe
-        or more, have others, so that fringes told wrongly show no code.
+        or more, have others, so that a wrong pattern shows no code.
         """
         zero = round(_ZEROS * self.stripe_center_px / self.period_px) % _ZEROS
         period = round(math.log(self.period_px / _FIRST_PERIOD) / _PERIOD_STEP) % _PERIODS

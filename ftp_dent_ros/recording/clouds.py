@@ -106,8 +106,8 @@ def bag_clouds(
 
 def rig_id_of(bag: Bag) -> str:
     """Id of the rig that measured a bag's clouds; empty if its diagnostics do not say it."""
-    told = (values.get('rig', 'none') for values in _diagnostics(bag))
-    return next((rig_id for rig_id in told if rig_id not in ('', 'none')), '')
+    ids = (values.get('rig', 'none') for values in _diagnostics(bag))
+    return next((rig_id for rig_id in ids if rig_id not in ('', 'none')), '')
 
 
 def coverages_of(bag: Bag) -> dict[int, Coverage]:
@@ -124,7 +124,7 @@ def coverages_of(bag: Bag) -> dict[int, Coverage]:
 
 
 def _diagnostics(bag: Bag) -> Iterator[dict[str, str]]:
-    """What the nodes of a bag told of themselves, by name, each time."""
+    """What the nodes of a bag said of themselves, by name, each time."""
     topics = [topic.name for topic in bag.topics if topic.type == _DIAGNOSTICS]
     for message in bag.messages(topics):
         if message.type == _DIAGNOSTICS:

@@ -73,7 +73,7 @@ class BagWriter(AbstractContextManager['BagWriter']):
                     'folder'
                 ) from None
             self._stream = self._path.open('xb')
-            # Without a limit of its own it ends a chunk where it is told to.
+            # Without a limit of its own it ends a chunk at a `flush` alone.
             self._writer = Writer(
                 self._stream, chunk_size=1 << 62, compression=CompressionType.NONE
             )

@@ -34,7 +34,7 @@ class Diagnostics:
     ----------
     node : rclpy.node.Node
     judge : callable, optional
-        Gives what the node itself knows: the first `Verdict` that holds is told; a refusal or a
+        Gives what the node itself knows: the first `Verdict` that holds counts; a refusal or a
         failure of the last ten seconds that is worse goes first.
 
     Attributes

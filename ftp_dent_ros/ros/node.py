@@ -36,7 +36,7 @@ class NewestWorker(Generic[Item]):
     Parameters
     ----------
     diagnostics : Diagnostics
-        Told what is dropped, and what the function raises.
+        Counts what is dropped, and takes what the function raises.
     work : callable
     what : str
         Could not be done, in a sentence on a defect of the software.

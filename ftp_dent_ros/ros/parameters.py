@@ -42,10 +42,10 @@ class Parameters(Declarations):
         return value
 
     def close(self, of_all_nodes: Callable[[], Sequence[str]]) -> None:
-        """End the declarations: refuse what was given and not declared, tell of the files.
+        """End the declarations: refuse what was given and not declared, log the files.
 
-        What another node of the package declares may be there for that one, by ``/**``: it is
-        only told.
+        What another node of the package declares may be there for that one, by ``/**``: the log
+        only says so.
 
         Parameters
         ----------
@@ -63,8 +63,8 @@ class Parameters(Declarations):
                 raise ConfigurationError(undeclared(name, declared))
             self._node.get_logger().warning(f'{undeclared(name, declared)} It is not used.')
         for name, path in self.files.items():
-            told = f'{name}: {path} (SHA-256 {files.content_id(path)}...)'
-            self._node.get_logger().info(told)
+            line = f'{name}: {path} (SHA-256 {files.content_id(path)}...)'
+            self._node.get_logger().info(line)
 
     def __getitem__(self, name: str) -> Any:
         """Value of a declared parameter; lists are lists of floats."""

@@ -39,7 +39,7 @@ class Photographer:
     Attributes
     ----------
     delay_ns : int
-        From when an image is shown, as it is told, until it is seen.
+        From the stamp of an image until it is seen.
 
     Raises
     ------
@@ -136,7 +136,7 @@ class Photographer:
     def take(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Show RGB pixels and photograph them once they are seen.
 
-        On a busy computer an image may be shown later than it was told. A photograph in which
+        On a busy computer an image may be shown later than its stamp says. A photograph in which
         nothing has changed though what is projected has is therefore taken again.
         """
         shown, seen = self._before or (image, None)

@@ -33,7 +33,7 @@ _FLU_FROM_FRD = Rotation.from_matrix(np.diag([1, -1, -1]))
 _ORIGIN = (474_500_000, 85_600_000, 430_000)
 _METRES = 0.0111319, 0.0111319 * math.cos(math.radians(47.45))
 _NS = 1_000_000_000
-# GPS: a fix every 0.2 s, that old when it is told, and as good as a usual one says it is (mm).
+# GPS: a fix every 0.2 s, that old when it is sent, and as good as a usual one says it is (mm).
 _FIX_NS, _FIX_AGE_NS = _NS // 5, 120_000_000
 _READY = (
     mavlink.EKF_ATTITUDE

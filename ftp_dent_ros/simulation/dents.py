@@ -24,7 +24,7 @@ Field = NDArray[np.float64]
 # crossing; halving the bracket so often leaves 1e-12 of the axes.
 DIRECTIONS = 720
 _ALONG_A_RAY = 400
-# Of the depth, where sizes are told.
+# Of the depth, where sizes are measured.
 _LEVEL = 0.1
 
 

@@ -33,7 +33,7 @@ STATUSES = {
     'changed': 'larger in one measure and smaller in another, beyond what noise can be',
     'not seen': 'its place was not looked at this time, or not well enough to find it',
     'in doubt': 'may be the same as before: its place is not known well enough to tell',
-    'known': 'as before, as far as can be told',
+    'known': 'as before, as far as can be known',
 }
 # By the signs of what has changed.
 _BY_SIGNS = {

@@ -43,7 +43,7 @@ class Footprint:
     def of(cls, cloud: Cloud, tangent: Pose) -> Footprint:
         """Of the points that a cloud has, some on its grid, about its tangent plane."""
         spacing = np.nanmedian(np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1))
-        # How far apart they are, metres: so many in a cell that its rim is told.
+        # How far apart they are, metres: so many in a cell that its rim shows.
         every = max(1, int(0.004 / spacing))
         points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
         offsets = (points - tangent.translation).astype(np.float16)

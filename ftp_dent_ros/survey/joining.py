@@ -82,8 +82,8 @@ class Joining:
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
-        told = (guess, None) if pose is None else (pose, covariance)
-        self.graph.add(Node(*told, stamp_ns / 1e9, flight), guess)
+        stated = (guess, None) if pose is None else (pose, covariance)
+        self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
         self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
         self.footprints.append(Footprint.of(cloud, patch.frame))

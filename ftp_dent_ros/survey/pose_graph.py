@@ -74,7 +74,7 @@ def share_kept(earlier: Node, later: Node) -> float:
 
 
 class PoseGraph:
-    """Poses of cameras, and what joins them; all that is told is relative or the autopilot's.
+    """Poses of cameras, and what joins them; all that is known is relative or the autopilot's.
 
     Attributes
     ----------
@@ -290,7 +290,7 @@ def _moved(turns: Array, places: Array, fixed: int, step: Array) -> tuple[Array,
 
 
 class Terms:
-    """Errors of all that is told of the poses from number `fixed` on, and what they weigh.
+    """Errors of all that is known of the poses from number `fixed` on, and what they weigh.
 
     First those of the links, as twists from what they tell to where poses are; then those of what
     the autopilot says: of the first pose, and how each differs from the last.
@@ -343,7 +343,7 @@ class Terms:
         return np.concatenate([of_links, now - self._keep[:, None] * then])
 
     def misfits(self, errors: Array) -> Array:
-        """Squares of the links' errors, in variances, a direction told; shape (links,)."""
+        """Squares of the links' errors, in variances, by their directions; shape (links,)."""
         return self._squares(errors)[: len(self.links)] / self._rank
 
     def cost(self, errors: Array, tolerance: Array | float = 1.0) -> float:
@@ -394,10 +394,10 @@ def _stated(
 ) -> list[tuple[int, int, float, Array]]:
     """Of each pose an earlier one, the share of its error, and the covariance of the rest."""
     terms: list[tuple[int, int, float, Array]] = []
-    told = [index for index, node in enumerate(nodes) if node.covariance is not None]
-    last_told = dict(zip(told[1:], told, strict=False))
+    stated = [index for index, node in enumerate(nodes) if node.covariance is not None]
+    last_stated = dict(zip(stated[1:], stated, strict=False))
     for index, node in enumerate(nodes[fixed:], fixed):
-        last = last_told.get(index)
+        last = last_stated.get(index)
         if node.covariance is None:
             spread = _ANCHOR if index == 0 and anchor is None else _UNTOLD
             terms.append((index, index, 0.0, spread))

@@ -169,7 +169,7 @@ def join_bags(
     joining.finish()
     of_parts, clouds = _ties(joining, bags), len(joining.numbers)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
-    told = (
+    counted = (
         (
             unplaced,
             f'of {clouds} clouds have no pose: they are placed by what they share with the others '
@@ -183,7 +183,7 @@ def join_bags(
             'too',
         ),
     )
-    remarks += [f'{count} {text}' for count, text in told if count] + of_parts
+    remarks += [f'{count} {text}' for count, text in counted if count] + of_parts
     joining.frame_id = frame_id or joining.frame_id
     return joining
 
@@ -198,10 +198,10 @@ def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
     """
     nodes, groups = joining.graph.nodes, np.array(joining.graph.groups())
     flights = np.array([node.flight for node in nodes])
-    told = np.array([node.covariance is not None for node in nodes])
-    unplaced = np.setdiff1d(flights, flights[told]).tolist()
+    placed = np.array([node.covariance is not None for node in nodes])
+    unplaced = np.setdiff1d(flights, flights[placed]).tolist()
     # Without any poses, the first bag's skin is the frame of the others.
-    for flight in unplaced[0 if told.any() else 1 :]:
+    for flight in unplaced[0 if placed.any() else 1 :]:
         own = flights == flight
         if not np.isin(groups[own], groups[~own]).any():
             raise CloudError(
@@ -211,12 +211,12 @@ def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
     sizes = np.bincount(groups)
     if len(sizes) == 1:
         return []
-    if not told.any() and joining.without_skin == len(nodes):
+    if not placed.any() and joining.without_skin == len(nodes):
         raise CloudError(
             f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-    adrift = len(sizes) - len(np.unique(groups[told]))
+    adrift = len(sizes) - len(np.unique(groups[placed]))
     return [
         f'the clouds are not one skin but {len(sizes)} parts, the largest of {sizes.max()} '
         'clouds: only the autopilot tells how these lie to each other'

@@ -136,7 +136,7 @@ def _dent(value: Any) -> dict[str, Any]:
     return dent
 
 
-# How what the page shows as it was told last is read.
+# How the page reads messages of which it shows the last.
 _READERS: dict[str, Callable[[Any], Any]] = {
     topics.DIAGNOSTICS: statuses_of,
     _LIST: dents_of,
