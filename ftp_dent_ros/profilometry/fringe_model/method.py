@@ -132,13 +132,13 @@ class FringeModel:
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
         points = Points(*geometry, self.stride, fit, usable, plain)
         for number in orders:
-            points.add(surface == number, reference)
+            points.add(surface == number)
         if not points.measured.any():
             raise NoStripeError(_UNLIT)
-        fringes = self.grid.repeated(start.surface >= 0)
         reason = 'untied' if self.pattern.code == 'stripe' else 'unnumbered'
+        clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         coverage = Coverage.of(
-            fringes, points.measured, clipped=light.usable == 0, **{reason: surface < 0}
+            start.surface >= 0, points.measured, clipped=clipped, **{reason: surface < 0}
         )
         area = self._area(light, start, numbered, phase, reference)
         area = replace(area, phase=np.where(lit & area.lit, fit.phase, area.phase))
@@ -225,7 +225,7 @@ class FringeModel:
         return np.hypot(fit.amplitude, fit.slope) / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
-        """Absolute phase of the bins, that of smooth surfaces, and the bins' surface, -1 for none.
+        """Absolute phase of the bins, that of smooth surfaces, and the nodes' surface, -1 for none.
 
         What is beyond a surface is far from its quadric by as much as the nearest of it.
         """
@@ -252,13 +252,16 @@ class FringeModel:
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
         near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
         near &= known | (start.surface < 0)
-        surface = self.grid.repeated(np.where(near, label, -1))
+        surface = np.where(near, label, -1)
         return reference + self.grid.at_bins(away), reference, surface
 
     def _lit(self, phase) -> NDArray[np.bool_]:
-        """Where the panel lights, but for its blurred rim."""
-        _, v_p = self._bins.meet(phase)
-        return within_panel(self.rig, self.pattern, phase, v_p) > RIM
+        """Bins that the panel lights, but for its blurred rim."""
+        at_nodes = self.grid.at_nodes(phase)
+        _, v_p = self._nodes.meet(at_nodes)
+        within = within_panel(self.rig, self.pattern, at_nodes, v_p)
+        lit: NDArray[np.bool_] = self.grid.at_bins(within.astype(np.float32)) > RIM
+        return lit
 
     def _filled(self, light: Light, phase) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""
@@ -282,7 +285,7 @@ class FringeModel:
             waveform = self._blurred(light, usable, phase, inside)
         fit = Windows(self.grid, *waveform.at(phase), usable).fit(light)
         level, amplitude = map(self.grid.at_bins, (fit.level, fit.amplitude))
-        return FringeFit(phase, level, amplitude, light, light, usable, waveform, np.zeros(2))
+        return FringeFit(phase, level, amplitude, *4 * (light,), waveform, np.zeros(2))
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:
         """The waveform in the blur that a strip of the picture shows, where most fringes are."""

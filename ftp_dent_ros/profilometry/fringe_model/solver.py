@@ -42,10 +42,10 @@ class FringeFit:
     phase, level, amplitude : ndarray, shape (rows, columns), float32
     residual : ndarray
         Light less the model.
-    scale : ndarray
-        Mean square of the residuals about, by weight.
-    weight : ndarray
-        0 to 1.
+    scale : ndarray, shape (rows, nodes)
+        Mean square of the residuals about.
+    wave, slope : ndarray
+        F and its derivative.
     waveform : Waveform
         With its harmonics and blur.
     slopes : ndarray, shape (2,)
@@ -57,7 +57,8 @@ class FringeFit:
     amplitude: NDArray[np.float32]
     residual: NDArray[np.float32]
     scale: NDArray[np.float32]
-    weight: NDArray[np.float32]
+    wave: NDArray[np.float32]
+    slope: NDArray[np.float32]
     waveform: Waveform
     slopes: NDArray[np.float64]
 
@@ -95,7 +96,7 @@ class Solver:
             wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
             if number:
-                weight, _ = self._weight(usable, residual)
+                weight = self._weight(usable, residual)
             slope *= fit.amplitude
             windows = Windows(grid, wave, slope, weight)
             change = windows.fit(residual)  # eq. 3
@@ -111,10 +112,10 @@ class Solver:
                 fitted = self._clearest(light, usable, fit, fitted, windows, change, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
-        wave, _ = _wave(fit, fit.phase, self._plane)
+        wave, slope = _wave(fit, fit.phase, self._plane)
         residual = light - fit.level - fit.amplitude * wave
-        weight, scale = self._weight(usable, residual)
-        return replace(fit, residual=residual, scale=scale, weight=weight)
+        scale = self._scale(usable, residual)
+        return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift without the windows' own smoothing of them."""
@@ -128,13 +129,23 @@ class Solver:
             sharpened.append(sharp)
         return sharpened
 
-    def _weight(self, usable, residual) -> tuple[Any, Any]:
-        """Weights of the bins, and the mean square of the residuals about (eq. 5)."""
-        square = residual * residual
+    def _weight(self, usable, residual) -> NDArray[np.float32]:
+        """Weights of the bins (eq. 5)."""
+        scale = np.maximum(self._scale(usable, residual), np.float32(_ROUNDING))
+        limit = self.grid.at_bins(1 / (np.float32(_REDESCENDS**2) * scale))
+        far = residual * residual
+        far *= limit
+        far += 1
+        far *= far
+        weight: NDArray[np.float32] = usable / far
+        return weight
+
+    def _scale(self, usable, residual) -> NDArray[np.float32]:
+        """Mean square of the residuals about the nodes."""
         size = self._about(usable * np.abs(residual)) / np.maximum(self._about(usable), 1e-3)
-        scale = np.float32(np.pi / 2) * size * size  # of a Gaussian, by its mean absolute value
-        limit = np.float32(_REDESCENDS**2) * np.maximum(scale, np.float32(_ROUNDING))
-        return usable / np.square(1 + square / limit), scale
+        # Of a Gaussian, by its mean absolute value.
+        scale: NDArray[np.float32] = np.float32(np.pi / 2) * size * size
+        return scale
 
     def _learned(self, fit, residual, wave, slope, weight, windows):
         """The fit with the waveform's unknowns as every few bins together show them (eq. 4).
@@ -204,9 +215,10 @@ class Solver:
                 np.copyto(old, new, where=better)
         return best
 
-    def _about(self, bins):
-        width, height = (round(_SCALE * each) for each in self.grid.fringe)
-        return cv2.blur(bins, (width, height))
+    def _about(self, bins) -> NDArray[Any]:
+        along_u, along_v = self.grid.fringe
+        size = round(_SCALE * along_u / self.grid.node), round(_SCALE * along_v)
+        return cv2.blur(self.grid.at_nodes(bins), size)
 
 
 def _wave(fit, phase, plane):
