@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.photograph.photograph import FULL, Photograph
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 
+#: Share of red in luma (ITU-R BT.601).
+RED = np.float32(0.299)
 # Share of a bin that may be clipped: noise clips single pixels below white.
 _FEW = 0.1
 # Of a mosaic: about each pixel the colours weigh as in a cell, red 1/4, green 1/2, blue 1/4.
@@ -61,4 +63,4 @@ class Light:
     @property
     def other(self) -> NDArray[np.float32]:
         """Green and blue as luma weighs them."""
-        return self.grey - np.float32(0.299) * self.red  # ITU-R BT.601
+        return self.grey - RED * self.red

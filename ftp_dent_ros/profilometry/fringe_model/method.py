@@ -22,15 +22,15 @@ from ftp_dent_ros.errors import (
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
-from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.light import RED, Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
-from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
+from ftp_dent_ros.profilometry.fringe_model.solver import Solver
 from ftp_dent_ros.profilometry.fringe_model.start import PLANES, Plane, Start, fit_planes
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
@@ -51,8 +51,6 @@ _STRIP = 10.0
 _RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
-# Least mean weight and amplitude (levels) of windows that tell the ratio of grey to red.
-_WEIGHT, _AMPLITUDE = 0.1, 1.0
 # Nodes that a surface has at least: two rows of windows over some fringes.
 _LEAST_NODES = 30
 
@@ -124,11 +122,13 @@ class FringeModel:
             self._check_other_periods(photograph)
             raise
         phase, reference, surface = self._absolute(start, orders, numbered)
-        plain = self._filled(light, phase)
+        plain = self._filled(light, start, phase)
         lit = self._lit(phase)
         usable = light.usable * lit
-        first = self._first(plain, usable, phase, start.surface >= 0)
-        fit = self._solver.solve(plain, usable, reference, first)
+        waveform = self._waveform
+        if waveform.has_code:
+            waveform = self._blurred(plain, usable, phase, start.surface >= 0)
+        fit = self._solver.solve(plain, usable, reference, phase, waveform)
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
         points = Points(*geometry, self.stride, fit, usable, plain)
         for number in orders:
@@ -147,7 +147,8 @@ class FringeModel:
         return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
 
     def _start(self, light: Light) -> Start:
-        return fit_planes(self.grid, light.red, light.usable, self._planes, self._steps)
+        lights = light.red, light.other, light.usable
+        return fit_planes(self.grid, *lights, self._planes, self._steps)
 
     def _area(self, light: Light, start: Start, numbered, phase, reference) -> LitArea:
         """Where the light ends, and the phase, by the first fit: whatever the panel's rims are."""
@@ -218,11 +219,10 @@ class FringeModel:
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
         if self.pattern.code == 'contrast':
             return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
-        phase = start.reference + self.grid.at_bins(start.away)
-        fit = Windows(self.grid, np.cos(phase), -np.sin(phase), light.usable).fit(light.other)
         red = np.maximum(start.amplitude, 1)
-        variance = (fit.rest + start.rest + 0.1) / self.grid.bins_in_window
-        return np.hypot(fit.amplitude, fit.slope) / red, np.square(red) / variance
+        variance = (start.other.rest + start.rest + 0.1) / self.grid.bins_in_window
+        other = np.hypot(start.other.amplitude, start.other.slope)
+        return other / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
         """Absolute phase of the bins, that of smooth surfaces, and the nodes' surface, -1 for none.
@@ -263,29 +263,17 @@ class FringeModel:
         lit: NDArray[np.bool_] = self.grid.at_bins(within.astype(np.float32)) > RIM
         return lit
 
-    def _filled(self, light: Light, phase) -> NDArray[np.float32]:
+    def _filled(self, light: Light, start: Start, phase) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""
         if self.pattern.code == 'contrast':
             return light.grey
-        stripe = np.abs(phase) < _STRIPE
-        wave, slope, outside = np.cos(phase), -np.sin(phase), light.usable * ~stripe
-        windows = Windows(self.grid, wave, slope, outside)
-        red, grey = windows.fit(light.red), windows.fit(light.grey)
-        known = (windows.weight > _WEIGHT) & (red.amplitude > _AMPLITUDE)
-        nearest = Nearest(known)
-        ratio = nearest(grey.amplitude / np.maximum(red.amplitude, 1))
-        offset = nearest(grey.level - ratio * red.level)
-        filled = self.grid.at_bins(offset) + self.grid.at_bins(ratio) * light.red
-        return np.where(stripe, filled, light.grey)
-
-    def _first(self, light, usable, phase, inside) -> FringeFit:
-        """What the solver starts from."""
-        waveform = self._waveform
-        if waveform.has_code:
-            waveform = self._blurred(light, usable, phase, inside)
-        fit = Windows(self.grid, *waveform.at(phase), usable).fit(light)
-        level, amplitude = map(self.grid.at_bins, (fit.level, fit.amplitude))
-        return FringeFit(phase, level, amplitude, *4 * (light,), waveform, np.zeros(2))
+        outside = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * _TURN
+        nearest = Nearest(outside & start.fringes)
+        other = np.hypot(start.other.amplitude, start.other.slope)
+        ratio = other / np.maximum(start.amplitude, 1)
+        offset = nearest(start.other.level - ratio * start.level)
+        filled = self.grid.at_bins(offset) + (RED + self.grid.at_bins(nearest(ratio))) * light.red
+        return np.where(np.abs(phase) < _STRIPE, filled, light.grey)
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:
         """The waveform in the blur that a strip of the picture shows, where most fringes are."""

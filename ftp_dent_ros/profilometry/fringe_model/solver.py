@@ -87,11 +87,15 @@ class Solver:
         light: NDArray[np.float32],
         usable: NDArray[np.float32],
         reference: NDArray[np.float32],
-        start: FringeFit,
+        phase: NDArray[np.float32],
+        waveform: Waveform,
     ) -> FringeFit:
-        """Fit from a start, whose phase is right to a third of a fringe."""
-        grid, fit = self.grid, start
-        weight: Any = usable
+        """Fit from a phase that is right to a third of a fringe."""
+        grid, weight = self.grid, usable
+        wave, slope = waveform.at(phase)
+        first = Windows(grid, wave, slope, usable).fit(light)
+        level, amplitude = grid.at_bins(first.level), grid.at_bins(first.amplitude)
+        fit = FringeFit(phase, level, amplitude, *4 * (light,), waveform, np.zeros(2))
         for number in range(_ROUNDS):
             wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
-from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
+from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
@@ -53,6 +53,8 @@ class Start:
         Phase about that plane's.
     fringes : ndarray of bool, shape (rows, nodes)
         Where fringes are seen, those at the rims of surfaces too.
+    other : LocalFit
+        The same fringes in the other colours.
     """
 
     phase: NDArray[np.float32]
@@ -63,6 +65,7 @@ class Start:
     reference: NDArray[np.float32]
     away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
+    other: LocalFit
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +103,7 @@ class Plane:
 def fit_planes(
     grid: BinGrid,
     light: NDArray[np.float32],
+    other: NDArray[np.float32],
     usable: NDArray[np.float32],
     planes: Sequence[Plane],
     steps: float,
@@ -108,6 +112,8 @@ def fit_planes(
 
     Parameters
     ----------
+    light, other, usable : ndarray, shape (rows, columns)
+        Light that has fringes everywhere, that of the other colours, and 1 where it is usable.
     planes : sequence of Plane
     steps : float
         Mean square that the code's own steps leave at most, over the amplitude's square.
@@ -137,9 +143,12 @@ def fit_planes(
     unwrapped = unwrap(wrapped, tied, jump=_JUMP)
     away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
+    reference = planes[best].at_bins
+    phase = reference + grid.at_bins(away)
+    windows = Windows(grid, np.cos(phase), -np.sin(phase), usable)
     return Start(
         *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, rest),
-        *(planes[best].at_bins, away, fringes),
+        *(reference, away, fringes, windows.fit(other)),
     )
 
 
