@@ -22,7 +22,7 @@ _TURN = 2 * math.pi
 _SAMPLES = 128
 # Fringes beyond the panel's ends.
 _BEYOND = 4
-_HARMONICS = range(2, 6)
+_HARMONICS = np.arange(2, 6)
 # Variances of the blur to choose from at first, radians^2: even steps of its width, so near that
 # the fit finds the way; the largest leaves a tenth of the fringes.
 _VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
@@ -46,6 +46,8 @@ class Waveform:
         Of the panel's light over the samples.
     frequency : ndarray, shape (frequencies,)
         Over the fringes'.
+    turns : ndarray, shape (4, samples), complex
+        Cosine and sine of the harmonics at the samples.
     variance : float
         Of the blur in the middle of the picture, radians^2.
     harmonics : ndarray, shape (4,), complex
@@ -56,6 +58,7 @@ class Waveform:
     has_code: bool
     spectrum: NDArray[np.complex128]
     frequency: NDArray[np.floating]
+    turns: NDArray[np.complex128]
     variance: float = USUAL
     harmonics: NDArray[np.complex128] = field(
         default_factory=lambda: np.zeros(len(_HARMONICS), complex)
@@ -67,17 +70,24 @@ class Waveform:
         orders = pattern.fringe_orders
         count = (len(orders) + 2 * _BEYOND) * _SAMPLES
         start = _TURN * (orders.start - _BEYOND - 0.25)
-        light = _drawn(pattern, start + _TURN / _SAMPLES * np.arange(count))
+        phase = start + _TURN / _SAMPLES * np.arange(count)
+        light = _drawn(pattern, phase)
         return cls(
             start,
             pattern.code == 'contrast',
             np.fft.rfft(light) / np.sinc(1 / pattern.period_px),
             np.fft.rfftfreq(count, _TURN / _SAMPLES) * _TURN,
+            np.exp(1j * np.outer(_HARMONICS, phase)),
         )
+
+    @cached_property
+    def in_blurs(self) -> list[Waveform]:
+        """The waveform in the blurs to choose from."""
+        return [replace(self, variance=each) for each in _VARIANCES]
 
     def with_least(self, left: Callable[[Waveform], float]) -> Waveform:
         """The waveform in the blur that leaves least: a parabola through the best choices."""
-        misfits = np.array([left(replace(self, variance=each)) for each in _VARIANCES])
+        misfits = np.array([left(each) for each in self.in_blurs])
         middle = int(np.clip(misfits.argmin(), 1, len(misfits) - 2))
         near = slice(middle - 1, middle + 2)
         bend, slope, _ = np.polyfit(_VARIANCES[near], misfits[near], 2)
@@ -95,11 +105,9 @@ class Waveform:
             np.fft.irfft(each, count)
             for each in (blurred, 1j * self.frequency * blurred, half * blurred)
         )
-        turn = np.exp(1j * (self.start + _TURN / _SAMPLES * np.arange(count)))
-        for order, part in zip(_HARMONICS, self.harmonics, strict=True):
-            overtone = part * turn**order
-            light += overtone.real
-            slope -= order * overtone.imag
+        if self.harmonics.any():
+            light += (self.harmonics @ self.turns).real
+            slope -= ((_HARMONICS * self.harmonics) @ self.turns).imag
         return tuple(each.astype(np.float32) for each in (light, slope, by_blur))
 
     def at(
