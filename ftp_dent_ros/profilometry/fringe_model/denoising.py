@@ -76,22 +76,23 @@ def denoise(
     mask : ndarray, shape (rows, nodes), float32
         1 on the surface, else 0.
     """
+    mean = _Means(grid, mask)
     low, lows = phase * mask, [each * mask for each in changes]
     kept, variance, noise = (np.zeros_like(phase) for _ in range(3))
     finest, lost, octaves_lost = (np.ones_like(phase) for _ in range(3))
     for octave in range(_OCTAVES):
         width = WIDTH * 2**octave
-        smooth, *smooths = (_flat_top(grid, x, mask, width) for x in (low, *lows))
+        smooth, *smooths = (mean.flat_top(x, width) for x in (low, *lows))
         detail = (low - smooth) * mask
         details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
-        before, noise = noise, np.minimum(*(_noise(grid, x, mask, width) for x in details))
+        before, noise = noise, np.minimum(*(mean.noise(x, width) for x in details))
         if octave > 1:  # the first two pass the windows of the fit
             noise = np.minimum(noise, np.float32(_FALLS) * before)
-        energy = _mean(grid, detail * detail, mask, _OF_ENERGY * width)
+        energy = mean.of(detail * detail, _OF_ENERGY * width)
         signal = np.maximum(energy - noise, 0)
         taken = np.float32(_TAKEN) * noise / np.maximum(energy, np.float32(1e-12))
         gain = np.where(energy > _SHOWN * noise, 1 - taken, 0)  # eq. 9
-        gain = _mean(grid, gain, mask, WIDTH * width)
+        gain = mean.of(gain, WIDTH * width)
         kept = kept + gain * detail
         variance = variance + gain * gain * noise + np.square(1 - gain) * signal  # eq. 10
         finest = finest if octave else gain
@@ -103,23 +104,33 @@ def denoise(
     )
 
 
-def _noise(grid, change, mask, width):
-    """Variance of the phase by an octave of a change; edges count little."""
-    fringes = _OF_NOISE * width
-    square = change * change
-    # Of a Gaussian, by the mean of its absolute values.
-    scale = np.float32(np.pi / 2) * np.square(_mean(grid, np.abs(change), mask, fringes))
-    weight = mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
-    return np.float32(_OF_DIRT / _LEFT) * _mean(grid, square, weight, fringes)
+class _Means:
+    """Gaussian means of values at the nodes of a surface."""
 
+    def __init__(self, grid: BinGrid, mask: NDArray[np.float32]) -> None:
+        self._grid, self._mask = grid, mask
+        self._shares: dict[float, NDArray[np.float32]] = {}
 
-def _mean(grid, values, weight, fringes):
-    """Gaussian mean of values at the nodes."""
-    share = np.maximum(grid.smooth_nodes(weight, fringes), np.float32(1e-3))
-    return grid.smooth_nodes(values * weight, fringes) / share
+    def of(self, values, fringes):
+        """Mean over so many fringes."""
+        if fringes not in self._shares:
+            self._shares[fringes] = self._share(self._mask, fringes)
+        return self._grid.smooth_nodes(values * self._mask, fringes) / self._shares[fringes]
 
+    def flat_top(self, values, fringes):
+        """The mean, and the mean of what it leaves: slopes and bends pass."""
+        mean = self.of(values, fringes)
+        return mean + self.of(values - mean, fringes)
 
-def _flat_top(grid, values, mask, fringes):
-    """The mean, and the mean of what it leaves: slopes and bends pass."""
-    mean = _mean(grid, values, mask, fringes)
-    return mean + _mean(grid, values - mean, mask, fringes)
+    def noise(self, change, width):
+        """Variance of the phase by an octave of a change; edges count little."""
+        fringes = _OF_NOISE * width
+        square = change * change
+        # Of a Gaussian, by the mean of its absolute values.
+        scale = np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
+        weight = self._mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
+        mean = self._grid.smooth_nodes(square * weight, fringes) / self._share(weight, fringes)
+        return np.float32(_OF_DIRT / _LEFT) * mean
+
+    def _share(self, weight, fringes):
+        return np.maximum(self._grid.smooth_nodes(weight, fringes), np.float32(1e-3))

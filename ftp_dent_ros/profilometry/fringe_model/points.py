@@ -146,9 +146,10 @@ class Points:
         """Put what is certain enough, and lit by the panel, into the cloud."""
         grid = self._grid
         sure, share, good = self._ends(inside, certain)
-        inverse, v_p = self._bins.meet(phase)
-        rim = within_panel(self._rig, self._pattern, phase, v_p)
-        self.measured |= good & (grid.at_nodes(rim) > RIM)
+        inverse, _ = self._bins.meet(phase)
+        at_nodes = grid.at_nodes(phase)
+        rim = within_panel(self._rig, self._pattern, at_nodes, self._nodes.meet(at_nodes)[1])
+        self.measured |= good & (rim > RIM)
         own = grid.repeated(certain & good) & np.isfinite(inverse)
         if not own.any():
             return
@@ -158,7 +159,7 @@ class Points:
         away = self._at_pixels(deconvolved(away, grid.step, grid.rows))
         z = 1 / (quadric.at(*grid.places(*self._pixels)) + away)
         led_on = Nearest(certain)
-        sigma = self._nodes.deviation(grid.at_nodes(phase), led_on(variance))
+        sigma = self._nodes.deviation(at_nodes, led_on(variance))
         sigma = self._at_pixels(sigma)
         on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0) & (sigma < _FAR * z)
         on &= self._at_pixels(rim) > RIM
