@@ -137,7 +137,7 @@ def fit_planes(
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
     variance = 2 * rest / (strength * grid.bins_in_window)
-    fringes = (variance < (_DEVIATION / 3) ** 2) & (amplitude > _FAINTEST)
+    fringes = (variance < _DEVIATION**2) & (amplitude > _FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
     tied = fringes & ~_leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
     unwrapped = unwrap(wrapped, tied, jump=_JUMP)
