@@ -31,8 +31,8 @@ _SEEN = 0.4
 _ROUNDING = 0.05
 # Nodes that a surface has at least: two rows of windows over some fringes.
 _LEAST_NODES = 30
-# Standard deviation of a phase that is published, radians: three are a right angle.
-_DEVIATION = math.pi / 6
+# Standard deviation of a phase that is published, radians: a 24th of a fringe.
+_DEVIATION = math.pi / 12
 # Standard deviation of a point over its distance, beyond which it is none.
 _FAR = 0.1
 # Fringes from a surface on where the light is another's; standard deviation of the means of light
@@ -115,6 +115,8 @@ class Points:
         """Add the surface of some nodes."""
         grid, fit = self._grid, self._fit
         inverse, _ = self._nodes.meet(self._phase)
+        # Light from beside the surface reaches into the nodes at its rim.
+        rim = _dilated(self._usable & ~inside, 1, 1)
         inside = inside & self._good & np.isfinite(inverse)  # a ray may miss its plane
         if np.count_nonzero(inside) < _LEAST_NODES:
             return
@@ -125,9 +127,7 @@ class Points:
         coarse = self._phase - smooth
         denoised = denoise(grid, coarse, changes, inside.astype(np.float32))
         variance = np.maximum(denoised.variance, 0) + self._unexplained
-        certain = inside & (variance < _DEVIATION**2)
-        # Light from beside the surface reaches into the nodes at its rim.
-        certain &= ~_dilated(self._usable & ~certain, 1, 1)
+        certain = inside & ~rim & (variance < _DEVIATION**2)
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
