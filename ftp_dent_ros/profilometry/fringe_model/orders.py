@@ -20,8 +20,8 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
 _TURN = 2 * math.pi
 # Cells a fringe, and fringes that a cell is high: windows of half a fringe resolve no more.
 _CELLS, _HIGH = 2, 1.0
-# Share of the code's light that noise leaves in the stripe: a limit of logarithms.
-_FLOOR = 0.05
+# Share of the code's light that noise leaves: a limit of logarithms.
+_FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
 _GAINS = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0)
 _SCATTERS = (0.02, 0.05, 0.1, 0.2, 0.4)
@@ -54,11 +54,12 @@ class OrderLikelihood:
     """
 
     def __init__(self, pattern: Pattern) -> None:
+        self._floor = _FLOOR[pattern.code]
         orders = pattern.fringe_orders
         self._first = orders.start - 1
         self._count = len(orders) + 2
         expected = np.log(
-            np.maximum(_expected_amplitude(pattern, self._first, self._count), _FLOOR)
+            np.maximum(_expected_amplitude(pattern, self._first, self._count), self._floor)
         )
         self._steps = _steps(expected[None])[0].astype(np.float32)
         self._ends = pattern.phase([0, pattern.width - 1])
@@ -105,7 +106,7 @@ class OrderLikelihood:
         shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
         index = block * shape[1] + cell
         w = weight[row, column]
-        value = np.log(np.maximum(ratio[row, column], _FLOOR))
+        value = np.log(np.maximum(ratio[row, column], self._floor))
         sums = [
             np.bincount(index, each, shape[0] * shape[1]).reshape(shape) for each in (w, w * value)
         ]

@@ -50,8 +50,8 @@ class Waveform:
         Cosine and sine of the harmonics at the samples.
     variance : float
         Of the blur in the middle of the picture, radians^2.
-    harmonics : ndarray, shape (4,), complex
-        Of the harmonics 2 to 5, over the fundamental.
+    harmonics : ndarray, shape (4,)
+        Of the harmonics 2 to 5, over the fundamental: cosines, as a response has no phase.
     """
 
     start: float
@@ -60,9 +60,7 @@ class Waveform:
     frequency: NDArray[np.floating]
     turns: NDArray[np.complex128]
     variance: float = USUAL
-    harmonics: NDArray[np.complex128] = field(
-        default_factory=lambda: np.zeros(len(_HARMONICS), complex)
-    )
+    harmonics: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_HARMONICS)))
 
     @classmethod
     def of(cls, pattern: Pattern) -> Waveform:
@@ -164,9 +162,9 @@ class Waveform:
         normal = (weighted @ terms.T).astype(float)
         ridge = 1e-9 + 1e-6 * np.trace(normal)
         more = np.linalg.solve(normal + ridge * np.eye(len(normal)), weighted @ misfit)
-        parts = more[: 2 * len(_HARMONICS)]
-        blur = np.zeros(3) if by_blur is None else np.clip(more[len(parts) :], -_STEP, _STEP)
-        harmonics = self.harmonics + parts[::2] - 1j * parts[1::2]
+        count = len(_HARMONICS)
+        blur = np.zeros(3) if by_blur is None else np.clip(more[count:], -_STEP, _STEP)
+        harmonics = self.harmonics + more[:count]
         blur[0] = np.clip(self.variance + blur[0], 0, _VARIANCES[-1]) - self.variance
         waveform = replace(self, harmonics=harmonics, variance=self.variance + float(blur[0]))
         return waveform, blur
@@ -188,11 +186,10 @@ def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]
 
 
 def _overtones(phase):
-    """Cosine and sine of each harmonic, one after the other."""
+    """Cosine of each harmonic."""
     cosine, sine = cv2.polarToCart(np.ones_like(phase), phase)
     turn = (cosine + 1j * sine).ravel()
     power = turn
     for _ in _HARMONICS:
         power = power * turn
         yield power.real
-        yield power.imag
