@@ -19,7 +19,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
 
 # Gaussian windows, standard deviations in fringes: of level and modulation; and of the skin, along

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.node_interpolation import NodeInterpolation
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import rays_at
+from ftp_dent_ros.profilometry.phase_geometry import rays_at
 from ftp_dent_ros.rig.rig import Rig
 
 # Pixel rows by which the camera's blur makes the surface look larger.

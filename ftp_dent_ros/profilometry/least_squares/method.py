@@ -34,11 +34,11 @@ from ftp_dent_ros.profilometry.least_squares.fit.surface_mask import beside_stee
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.coded_surfaces import CodedSurfaces
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.stripe_surfaces import StripeSurfaces
 from ftp_dent_ros.profilometry.least_squares.fringe_orders.surfaces import Surfaces
-from ftp_dent_ros.profilometry.least_squares.mirror_check import check_upright
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import WINDOWED, LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
+from ftp_dent_ros.profilometry.mirror_check import check_upright
 from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_frame
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.projector_rows import Rows
 from ftp_dent_ros.profilometry.rows_check import check_rows
 from ftp_dent_ros.rig.rig import Rig
@@ -143,7 +143,7 @@ class LeastSquares:
         """Publish the surfaces together."""
         confirmed = check_pattern(area)
         if self.pattern.code == 'stripe' and not confirmed:
-            check_upright(area)
+            check_upright(area, 1e-3)
         grid, period = self.grid, self.period / self.grid.step
         around: Any = np.ones((5, 2 * math.ceil(period) + 1), np.uint8)
         beside_dark = cv2.dilate(grid.to_bins(~lit).view(np.uint8), around)

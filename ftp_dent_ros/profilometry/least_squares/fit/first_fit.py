@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.profilometry.least_squares.bins.grid import Grid
 from ftp_dent_ros.profilometry.least_squares.bins.windows import Windows
 from ftp_dent_ros.profilometry.least_squares.fit.polar import angle, magnitude
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from ftp_dent_ros.profilometry.least_squares.fit.quadric import evaluate, robust
 from ftp_dent_ros.profilometry.least_squares.fit.refined import Refined
 from ftp_dent_ros.profilometry.least_squares.fit.refinement import Refinement
 from ftp_dent_ros.profilometry.least_squares.fit.regions import apart, eroded, rim_strips
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.robust import median
 
 # The nodes of a region that are not its surface's, by the seams in it, its fit and its phase.
