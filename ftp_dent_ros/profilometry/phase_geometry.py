@@ -81,11 +81,6 @@ class PhaseGeometry:
         rays = rays_at(rig.camera, columns, rows)
         return cls(rig, pattern, rays, turned(rig, rays))
 
-    def at(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> PhaseGeometry:
-        """PhaseGeometry of some points of the grid, as one row."""
-        rays, *along = (field[row, column][None] for field in (self.rays, *self.along))
-        return PhaseGeometry(self.rig, self.pattern, rays, along)
-
     def phase(self, inverse_depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Absolute phase at points of inverse depth 1 / z, radians (eq. 16)."""
         lens = self.rig.projector
