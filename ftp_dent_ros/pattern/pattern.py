@@ -185,7 +185,7 @@ class Pattern(Checked):
         return 2 * np.pi / self.period_px * (np.asarray(u, float) - self.stripe_center_px)
 
     def column(self, phase: ArrayLike) -> NDArray[np.float64]:
-        """Projector column of an absolute phase: the inverse of `phase` (eq. 16)."""
+        """Projector column of an absolute phase: the inverse of `phase` (eq. 16 of the paper)."""
         return self.stripe_center_px + self.period_px / (2 * np.pi) * np.asarray(phase, float)
 
     def in_stripe(self, u: ArrayLike) -> NDArray[np.bool_]:

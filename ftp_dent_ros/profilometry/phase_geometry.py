@@ -82,7 +82,7 @@ class PhaseGeometry:
         return cls(rig, pattern, rays, turned(rig, rays))
 
     def phase(self, inverse_depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Absolute phase at points of inverse depth 1 / z, radians (eq. 16)."""
+        """Absolute phase at points of inverse depth 1 / z, radians (eq. 2)."""
         lens = self.rig.projector
         t_x, t_y, t_z = self.rig.translation.astype(np.float32)
         scale = 1 / (self.along[2] + t_z * inverse_depth)
