@@ -32,7 +32,7 @@ from against import FIGURES, Run, report
 from calibrations import calibration
 from given_photographs import SHARED, given
 from given_photographs import names as given_names
-from measures import CHOSEN, Figures, photographed
+from measures import Figures, photographed
 from page import page
 from photographs import KINDS, PAPER, PRINTS, SHAPES
 from sizes import sizes
@@ -96,12 +96,10 @@ def tasks(short: bool, only: str) -> list[Task]:
     ]
 
 
-def done(task: Task, seed: int, method: str) -> tuple[Task, dict[str, Figures]]:
+def done(task: Task, seed: int) -> tuple[Task, dict[str, Figures]]:
     """One draw; whatever it raises is a figure."""
     group, name, draw = task
     cv2.setNumThreads(1)
-    if method:
-        CHOSEN['method'] = method
     try:
         return task, GROUPS[group].measure(name, seed, draw)
     except Exception as reason:
@@ -115,12 +113,10 @@ def processes(count: int) -> Pool:
     return multiprocessing.get_context('spawn').Pool(count, maxtasksperchild=FRESH)
 
 
-def measured(
-    todo: list[Task], seed: int, jobs: int, method: str
-) -> dict[Task, dict[str, Figures]]:
+def measured(todo: list[Task], seed: int, jobs: int) -> dict[Task, dict[str, Figures]]:
     """All draws."""
     with processes(jobs) as pool:
-        results = pool.imap_unordered(partial(done, seed=seed, method=method), todo)
+        results = pool.imap_unordered(partial(done, seed=seed), todo)
         return dict(tqdm(results, total=len(todo), unit='draw', smoothing=0))
 
 
@@ -170,7 +166,6 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1, help='of all draws')
     parser.add_argument('--short', action='store_true', help='a few rows and draws: half a minute')
     parser.add_argument('--only', default='', help='part of the names of rows wanted')
-    parser.add_argument('--method', default='', help='of photographs, instead of the default')
     parser.add_argument('--jobs', type=int, default=2, help='processes')
     parser.add_argument('--against', type=Path, help='figures of another run')
     parser.add_argument('--read', type=Path, help='figures to show or compare: measures nothing')
@@ -184,7 +179,7 @@ def main() -> int:
         if not GROUPS['given'].names:
             print(f'{SHARED} has no photographs: those made elsewhere are left out')
         todo = tasks(arguments.short, arguments.only)
-        results = measured(todo, arguments.seed, arguments.jobs, arguments.method)
+        results = measured(todo, arguments.seed, arguments.jobs)
         run = {'seed': arguments.seed, 'part': part, **gathered(todo, results)}
         package = Path(ftp_dent_ros.__file__).parent
         run['sizes'] = {} if part else sizes(package)
@@ -193,7 +188,7 @@ def main() -> int:
         arguments.output.mkdir(parents=True, exist_ok=True)
         (arguments.output / NAME).write_text(text(run))
         (arguments.output / Path(PAGE).name).write_text(page(run))
-    elif before is None and not part and not arguments.method:
+    elif before is None and not part:
         (ROOT / NAME).write_text(text(run))
         (ROOT / PAGE).write_text(page(run))
     if before is None:

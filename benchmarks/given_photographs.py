@@ -14,16 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measures import (
-    CHOSEN,
-    MM,
-    PAPERS_METHOD,
-    Figures,
-    attempt,
-    of_dents,
-    of_points,
-    root_mean_square,
-)
+from measures import MM, PAPERS_METHOD, Figures, attempt, of_dents, of_points, root_mean_square
 from numpy.typing import NDArray
 
 from ftp_dent_ros import inspect, reconstruct
@@ -34,7 +25,7 @@ from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.simulation.truth import TrueDent
 
 SHARED = Path(__file__).resolve().parents[2] / 'shared'
-METHODS: dict[str, dict[str, Any]] = {'default': CHOSEN, PAPERS_METHOD: {'method': PAPERS_METHOD}}
+METHODS: dict[str, dict[str, Any]] = {'default': {}, PAPERS_METHOD: {'method': PAPERS_METHOD}}
 # Of `real/desk`: what its truth tells apart.
 REGIONS = {'smooth': 1, 'object': 2}
 
@@ -85,7 +76,7 @@ def _rendered(image: Path, settings: dict[str, Any]) -> Figures:
         cloud, rig = _reconstructed(image, step, settings)
         along = np.linalg.norm(rig.camera.rays(rig.camera.pixel_grid(step)), axis=-1)
         figures |= of_points(cloud, (cloud.points[..., 2] - depth) * along, lit)
-        if settings is CHOSEN:
+        if not settings:
             told = json.loads(image.with_name('scene.json').read_text())['dents']
             pixel = partial(_pixel, rig, step)
             true = [dent for dent in map(_true_dent, told) if _in_view(lit, *pixel(dent))]

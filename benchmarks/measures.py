@@ -34,9 +34,6 @@ _BESIDE_FITTING, _BESIDE_DENT = 0.006, 0.03
 
 Figures = dict[str, Any]
 
-#: Settings of the method whose figures these are; of the default's nothing.
-CHOSEN: dict[str, Any] = {}
-
 
 @contextmanager
 def attempt(figures: Figures) -> Iterator[None]:
@@ -133,9 +130,7 @@ def of_photograph(
 
     with attempt(figures):
         photograph = scene.photograph(rng)
-        cloud = reconstruct(
-            photograph, scene.rig, scene.pattern, stride=STRIDE, **(settings or CHOSEN)
-        ).cloud
+        cloud = reconstruct(photograph, scene.rig, scene.pattern, stride=STRIDE, **settings).cloud
         if truth is not None:
             error = (cloud.points[..., 2] - truth.depth) * truth.along_ray
             figures |= of_points(cloud, error, truth.lit)

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 # Standard deviation of a normal distribution over its median absolute deviation: 1 over its upper
 # quartile.
 NORMAL_SPREAD = 1.4826
-# Median of the square of a normal value of variance 1.
-MEDIAN_OF_SQUARE = 0.4549
 
 
 def median(values: NDArray[np.number]) -> float:

@@ -17,7 +17,6 @@ CLIPPED = 'clipped'
 UNTIED = 'not tied to the red stripe'
 UNNUMBERED = 'not numbered by the code'
 UNEXPLAINED = 'not explained by the fringes'
-OFF_PANEL = "beyond the projector's frame"
 
 _SENTENCES = {
     CLIPPED: 'is clipped: expose for a shorter time, or turn away from the highlight',
@@ -30,7 +29,6 @@ _SENTENCES = {
         'more of that surface into view'
     ),
     UNEXPLAINED: 'does not look like the fringes (edges, dirt, reflections, other light)',
-    OFF_PANEL: "would lie beyond the projector's frame: check rig and pattern",
 }
 _UNCONFIRMED = (
     "no rim of the projector's frame that would tell is seen in its place, left or right: whether "

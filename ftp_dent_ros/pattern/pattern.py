@@ -19,9 +19,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -34,8 +33,6 @@ from ftp_dent_ros.rig.rig import Lens
 _LEVELS = 254
 # Levels by which two flanks that are meant alike may differ as they are computed.
 _TIE = 1e-6
-# Standard deviations of a Gaussian window beyond which it is cut off.
-_REACH = 4.0
 CODES = 'stripe', 'contrast'
 AXES = 'u', 'v'
 # What the contrast's code needs, and the stripe does not.
@@ -188,7 +185,7 @@ class Pattern(Checked):
         return 2 * np.pi / self.period_px * (np.asarray(u, float) - self.stripe_center_px)
 
     def column(self, phase: ArrayLike) -> NDArray[np.float64]:
-        """Projector column of an absolute phase: the inverse of `phase` (eq. 16)."""
+        """Projector column of an absolute phase: the inverse of `phase` (eq. 16 of the paper)."""
         return self.stripe_center_px + self.period_px / (2 * np.pi) * np.asarray(phase, float)
 
     def in_stripe(self, u: ArrayLike) -> NDArray[np.bool_]:
@@ -196,40 +193,6 @@ class Pattern(Checked):
         return (self.code == 'stripe') & (
             np.abs(np.asarray(u, float) - self.stripe_center_px) <= self.period_px / 2
         )
-
-    @property
-    def rounding_shifts(self) -> NDArray[np.float32]:
-        """Shifts of the fringes' phase by the rounding of pixels to whole levels, radians.
-
-        A fringe's phase is off by ``2 / (n B) sum e sin Phi`` for the errors e of its n pixels
-        and the amplitude B. What lies halfway between two levels cancels as `draw` rounds it;
-        elsewhere it may have been rounded up on one flank and down on the other. Where the
-        contrast changes along the fringes, so do the errors, of which a window of half a fringe
-        sees the mean.
-
-        Returns
-        -------
-        ndarray, shape (2, rows, fringes), float32
-            Of whole fringes, known shifts and deviations of those by chance; one row if all rows
-            are alike.
-        """
-        u = np.arange(self.width)
-        phase = self.phase(u)
-        rows = self.row_contrast(np.arange(self.height if self.tells_rows else 1))
-        meant = self.levels * (0.5 + np.outer(rows, self.intensity(u) - 0.5))
-        error = _whole(meant) - meant
-        halfway = (np.abs(error) > 0.5 - _TIE) & (self.levels != _LEVELS)
-        sine = np.sin(phase) / self.contrast(phase)
-        begins = np.flatnonzero(np.diff(np.rint(phase / (2 * np.pi)), prepend=-np.inf))
-        scale = 4 / (self.period_px * self.levels)
-        shift = scale * np.add.reduceat(np.where(halfway, 0, error) * sine, begins, axis=1)
-        chance = scale * np.add.reduceat(halfway * np.abs(sine), begins, axis=1) / 2
-        sigma = self.period_px / 2
-        size = 1, 2 * math.ceil(_REACH * sigma) + 1
-        mean: Any = cv2.GaussianBlur(
-            shift, size, sigmaX=1, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
-        )
-        return np.stack([mean, chance])[..., 1:-1].astype(np.float32)
 
     def draw(self) -> NDArray[np.uint8]:
         """Draw the pattern's pixels, RGB, shape (height, width, 3)."""

@@ -25,8 +25,6 @@ _TO_RGB = {
 #: Share of white from which on a level is full; demosaicing may lower 255 by one.
 FULL = 253.5 / 255
 _WHITE16 = 65535
-# Every how many rows and columns are looked at for what all pixels share.
-_EVERY = 8
 _ENCODING = re.compile(r'(mono|rgb|bayer_(?:rggb|bggr|gbrg|grbg))(8|1[0246])')
 
 
@@ -78,8 +76,6 @@ class Photograph:
         Level of a pixel that is full.
     mosaic : str
         One of `MOSAICS` if each pixel has one colour; else empty.
-    step : int
-        Least difference of two levels: 16 for twelve bits that fill sixteen.
 
     Raises
     ------
@@ -90,7 +86,6 @@ class Photograph:
     pixels: NDArray[Any]
     white: int = 255
     mosaic: str = ''
-    step: int = 1
 
     def __post_init__(self) -> None:
         pixels = self.pixels
@@ -126,10 +121,8 @@ class Photograph:
         """
         if isinstance(image, Photograph):
             return image
-        if getattr(image, 'dtype', None) != np.uint16:
-            return cls(image, (1 << bits) - 1 if bits else 255, mosaic)
-        used = int(np.bitwise_or.reduce(image[::_EVERY, ::_EVERY], axis=None)) if image.size else 0
-        return cls(image, (1 << (bits or 16)) - 1, mosaic, max(used & -used, 1))
+        most = 16 if getattr(image, 'dtype', None) == np.uint16 else 8
+        return cls(image, (1 << (bits or most)) - 1, mosaic)
 
     @property
     def transposed(self) -> Photograph:
@@ -187,10 +180,6 @@ class Photograph:
         """Factor from levels to grey levels of 8 bits, in which the engine computes."""
         return 255 / self.white
 
-    def to_the_power(self, power: float) -> Photograph:
-        """The photograph in levels to a power, of 16 bits."""
-        return self.linear(np.linspace(0, 1, self.white + 1) ** power)
-
     def linear(self, response: NDArray[np.floating]) -> Photograph:
         """The photograph in levels that grow with the light, of 16 bits.
 
@@ -205,7 +194,7 @@ class Photograph:
         light[share >= FULL] = 1
         table = np.rint(_WHITE16 * light).astype(np.uint16)
         pixels = np.asarray(np.take(table, self.pixels))
-        return Photograph(pixels, _WHITE16, self.mosaic, round(self.step * _WHITE16 / self.white))
+        return Photograph(pixels, _WHITE16, self.mosaic)
 
     def lattices(self) -> list[tuple[str, int, int]]:
         """Colour, first row and first column of each pixel of the mosaic's tile."""

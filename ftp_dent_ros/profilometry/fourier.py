@@ -1,4 +1,4 @@
-"""Rows to analytic signals through the pass band (eq. 6-10)."""
+"""Rows to analytic signals through the pass band (eq. 6-10 of the paper)."""
 
 from __future__ import annotations
 

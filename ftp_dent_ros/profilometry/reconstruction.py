@@ -14,7 +14,6 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.fourier_transform import FourierTransform
 from ftp_dent_ros.profilometry.fringe_model import FringeModel
-from ftp_dent_ros.profilometry.least_squares import LeastSquares
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.profilometry.skin_image import SkinImager
@@ -38,8 +37,6 @@ class Method(Protocol):
 def method_for(rig: Rig, pattern: Pattern, settings: Settings) -> Method:
     """Method of the settings, with its tables."""
     if settings.method == 'least-squares':
-        return LeastSquares(rig, pattern, settings.stride)
-    if settings.method == 'fringe-model':
         return FringeModel(rig, pattern, settings.stride)
     if pattern.code != 'stripe':
         raise PatternError(

@@ -11,7 +11,6 @@ UNWRAPPINGS = ('itoh', 'estrada')
 # The options that each method has.
 METHODS = {
     'least-squares': (),
-    'fringe-model': (),
     'virtual-reference': ('unwrapping', 'tau'),
     'direct': ('unwrapping', 'tau'),
 }
@@ -25,10 +24,9 @@ class Settings:
     Attributes
     ----------
     method : str
-        One of `METHODS`: ``'least-squares'`` fits the fringes in windows about the analytic
-        reference phase; ``'fringe-model'`` fits one model of light, waveform and noise;
+        One of `METHODS`: ``'least-squares'`` fits one model of light, waveform and noise;
         ``'virtual-reference'`` unwraps the phase shift against a virtual reference plane (eq. 12
-        and 13), ``'direct'`` the fringes' phase itself (eq. 11).
+        and 13 of the paper), ``'direct'`` the fringes' phase itself (eq. 11 of it).
     unwrapping : str, optional
         Of the latter two, one of `UNWRAPPINGS`: Itoh's integration of wrapped differences (the
         default), or Estrada's first-order system, which smooths as it unwraps.

@@ -7,7 +7,7 @@ rivets, dirt.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.least_squares.code.contrast_model import ContrastModel
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
 
 # Gaussian windows, standard deviations in fringes: of level and modulation; and of the skin, along
@@ -124,12 +124,8 @@ class SkinImager:
         return self._blurred_fringes(phase, _lowest(_BLURS, left))
 
     def _blurred_fringes(self, phase: NDArray[np.float32], variance: float) -> NDArray[np.float32]:
-        cosine, sine = np.cos(phase), np.sin(phase)
-        envelope = _contrast_model(self.geometry.pattern).envelope(
-            np.full(phase.shape, variance, np.float32)
-        )
-        envelope.turn(phase, cosine, sine)
-        return cosine
+        fringes, _ = replace(_waveform(self.geometry.pattern), variance=variance).at(phase)
+        return fringes
 
     def _period(self, phase: NDArray[np.float32], known: NDArray[np.bool_]) -> float:
         """Grid points a fringe, of most of the cloud."""
@@ -201,8 +197,8 @@ def _lowest(places: NDArray[np.float64], values: list[float]) -> float:
 
 
 @lru_cache(maxsize=2)
-def _contrast_model(pattern: Pattern) -> ContrastModel:
-    return ContrastModel(pattern)
+def _waveform(pattern: Pattern) -> Waveform:
+    return Waveform.of(pattern)
 
 
 def _blurred(plane: NDArray, along_u: float, along_v: float) -> Any:

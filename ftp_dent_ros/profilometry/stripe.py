@@ -83,44 +83,17 @@ def find_stripe(image: NDArray[np.float32], region: NDArray[np.bool_], carrier: 
     other = binned[..., 1:].mean(axis=-1)
     wrapped = phase_of(analytic_signal(spectrum(red), red.shape[1], carrier))
     unwrapped = unwrap(wrapped, inside, jump=_JUMP)
-    fringes, chosen = _vote(unwrapped.phase, unwrapped.part, red, other)
+    if not (unwrapped.part >= 0).any():
+        raise NoStripeError(_NOT_SEEN)
+    fringes = _fringes(unwrapped.phase, unwrapped.part, red, other)
+    loss, weight, variance = _losses(fringes)
+    chosen = _elect(fringes, loss, weight, variance) & (loss > 0.5)
+    if not chosen.any():
+        raise NoStripeError(_NOT_SEEN)
     return Stripe(
         fringes.row[chosen] * _ROWS + (_ROWS - 1) / 2,
         fringes.middles(unwrapped.phase, chosen),
     )
-
-
-def stripe_orders(
-    phase: NDArray[np.float32],
-    part: NDArray[np.int32],
-    red: NDArray[np.float32],
-    other: NDArray[np.float32],
-) -> dict[int, int]:
-    """Order of the stripe's fringe in each part that holds the stripe.
-
-    Parameters
-    ----------
-    phase, part : ndarray, shape (rows, columns)
-        Unwrapped phase, radians, and the part a pixel is tied to, -1 for none.
-    red, other : ndarray, shape (rows, columns), float32
-        Grey levels of red, and of green and blue.
-
-    Returns
-    -------
-    dict
-        By the part's label: whole turns, which the absolute phase has not.
-
-    Raises
-    ------
-    NoStripeError
-        No fringe, or more than one, lacks green and blue in most rows.
-    """
-    fringes, chosen = _vote(phase, part, red, other)
-    # All that are elected in a part have the same order.
-    return {
-        int(label): int(order)
-        for label, order in zip(fringes.part[chosen], fringes.order[chosen], strict=True)
-    }
 
 
 @dataclass(frozen=True)
@@ -148,18 +121,6 @@ class _Fringes:
             slope = (away @ column) / max(float(away @ away), 1e-12)
             middles.append(column.mean() - within.mean() * slope)
         return np.array(middles)
-
-
-def _vote(phase, part, red, other) -> tuple[_Fringes, NDArray[np.bool_]]:
-    """All fringes, and which of them are the stripe."""
-    chosen = np.zeros(0, bool)
-    if (part >= 0).any():
-        fringes = _fringes(phase, part, red, other)
-        loss, weight, variance = _losses(fringes)
-        chosen = _elect(fringes, loss, weight, variance) & (loss > 0.5)
-    if not chosen.any():
-        raise NoStripeError(_NOT_SEEN)
-    return fringes, chosen
 
 
 def _fringes(phase, part, red, other) -> _Fringes:

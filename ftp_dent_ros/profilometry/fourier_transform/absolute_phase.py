@@ -1,4 +1,4 @@
-"""The fringe order: whole turns to add to the unwrapped phase (eq. 14-17).
+"""The fringe order: whole turns to add to the unwrapped phase (eq. 14-17 of the paper).
 
 Where the stripe runs the phase is zero; each of its points asks for a whole number of turns, and
 the one that most of them ask for is taken: an integer is right or wrong, never roughly right.

@@ -1,4 +1,4 @@
-"""The virtual reference: the fringes as a plane z = l_c would show them (section 2.3, eq. 5)."""
+"""The virtual reference: the fringes as a plane z = l_c would show them (eq. 5 of the paper)."""
 
 from __future__ import annotations
 

@@ -11,10 +11,10 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck, check_epipolar
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
-from ftp_dent_ros.profilometry.least_squares.mirror_check import check_upright
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
+from ftp_dent_ros.profilometry.mirror_check import check_upright
 from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_frame
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.projector_rows import Rows
 from ftp_dent_ros.profilometry.rows_check import check_rows
 from ftp_dent_ros.rig.rig import Rig

@@ -15,7 +15,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest, deconv
 from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry, rays_at
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry, rays_at
 from ftp_dent_ros.rig.rig import Rig
 
 # Mean square of the residual about a bin over its scale, beyond which its light is not explained

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
-from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
 #: Planes, in baselines: a carrier within a factor of 1.5 of the fringes' is near enough.

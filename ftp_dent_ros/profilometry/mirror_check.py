@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import OtherPatternError
-from ftp_dent_ros.profilometry.least_squares.fit.quadric import evaluate, robust_quadric
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.triangulation import triangulate
-from ftp_dent_ros.robust import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import cauchy, deviation
 
 # Points that surfaces are compared by, about, and that there must be.
 _POINTS, _LEAST = 400, 50
-# Share of the distance by which a skin is off its quadric, beyond which it may be another way
-# round; and how many times nearer to its quadric the mirrored one must be: none is by chance.
-_OFF, _TIMES = 1e-3, 10.0
+# How many times nearer to its quadric the mirrored surface must be: none is by chance.
+_TIMES = 10.0
+# Fits of a quadric, each with the weights of what the last one left, by so many deviations.
+_FITS, _REDESCENDS = 6, 4.0
 
 
-def check_upright(area: LitArea, off: float = _OFF) -> None:
+def check_upright(area: LitArea, off: float) -> None:
     """Raise if the surface is a smooth skin were the photograph mirrored, and none as it is.
 
     Parameters
@@ -59,7 +59,12 @@ def _off_quadric(area: LitArea, rays: NDArray, u_p: NDArray) -> float:
     met = np.isfinite(depth[0])
     if np.count_nonzero(met) < max(_LEAST, 0.9 * len(rays)):
         return np.nan
-    inverse = 1 / depth[0, met]
-    quadric = robust_quadric(whole[0, met, :2], inverse)
-    shape = evaluate(quadric, whole[0, met, :2][None])[0]
-    return NORMAL_SPREAD * median(np.abs(inverse - shape) / np.abs(inverse))
+    inverse = 1 / depth[0, met].astype(float)
+    x, y = rays[met].T.astype(float)
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    root = np.ones(len(x))  # of the weights of Geman and McClure's function
+    for _ in range(_FITS):
+        quadric = np.linalg.lstsq(root[:, None] * terms, root * inverse, rcond=None)[0]
+        rest = inverse - terms @ quadric
+        root = cauchy(rest, _REDESCENDS * max(deviation(rest), 1e-9))
+    return deviation(rest / inverse)

@@ -8,14 +8,16 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.least_squares.bins.node_interpolation import lagrange
 from ftp_dent_ros.profilometry.triangulation import meet, turned
 from ftp_dent_ros.rig.rig import Lens, Rig
 
 # Between rays that are undistorted one by one, pixels.
 _SPACING = 16
+# Radians over which the depth's change with the phase is taken, and every how many points.
+_STEP, _EVERY = 0.05, 4
 
 
 def rays_at(lens: Lens, columns: NDArray, rows: NDArray) -> NDArray[np.float32]:
@@ -34,22 +36,18 @@ def rays_at(lens: Lens, columns: NDArray, rows: NDArray) -> NDArray[np.float32]:
         )
         return np.stack(np.meshgrid(x, y), axis=-1).astype(np.float32)
     ends = [
-        np.linspace(-_SPACING, size + _SPACING, size // _SPACING + 3)
+        np.linspace(-_SPACING, size + _SPACING, size // _SPACING + 4)
         for size in (lens.width, lens.height)
     ]
     exact = lens.rays(np.stack(np.meshgrid(*ends), axis=-1))[..., :2]
+    # Weights of the rays between which cubic splines interpolate.
     along_u, along_v = (
-        lagrange((p - e[0]) / (e[1] - e[0]), len(e))
+        make_interp_spline(e, np.eye(len(e)))(p)
         for p, e in zip((columns, rows), ends, strict=True)
     )
     return np.stack([along_v @ (along_u @ exact[..., i].T).T for i in range(2)], axis=-1).astype(
         np.float32
     )
-
-
-# Radians over which the depth's change with the phase is taken.
-_STEP = 0.05
-_EVERY = 4  # nodes that this is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +81,8 @@ class PhaseGeometry:
         rays = rays_at(rig.camera, columns, rows)
         return cls(rig, pattern, rays, turned(rig, rays))
 
-    def at(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> PhaseGeometry:
-        """PhaseGeometry of some points of the grid, as one row."""
-        rays, *along = (field[row, column][None] for field in (self.rays, *self.along))
-        return PhaseGeometry(self.rig, self.pattern, rays, along)
-
     def phase(self, inverse_depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Absolute phase at points of inverse depth 1 / z, radians (eq. 16)."""
+        """Absolute phase at points of inverse depth 1 / z, radians (eq. 2)."""
         lens = self.rig.projector
         t_x, t_y, t_z = self.rig.translation.astype(np.float32)
         scale = 1 / (self.along[2] + t_z * inverse_depth)

@@ -1,1 +1,0 @@
-"""The coarse grids that least squares works on: light in bins, fields at nodes, windows."""

@@ -1,1 +1,0 @@
-"""Which fringe is which: surfaces told apart, and the order of each."""
