@@ -22,7 +22,7 @@ from ftp_dent_ros.errors import (
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import RED, Light
@@ -251,7 +251,7 @@ class FringeModel:
         along_u, along_v = self.grid.fringe
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
         near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
-        near &= known | (start.surface < 0)
+        near &= ~wider_than_windows((start.surface >= 0) & ~known)
         surface = np.where(near, label, -1)
         return reference + self.grid.at_bins(away), reference, surface
 

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest, deconvolved
+from ftp_dent_ros.profilometry.fringe_model.bins import (
+    BinGrid,
+    Nearest,
+    deconvolved,
+    wider_than_windows,
+)
 from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
@@ -131,6 +136,7 @@ class Points:
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
+        at_nodes = smooth + Nearest(certain)(denoised.phase)
         # What is finer than the nodes is as good as the finest octave.
         on_surface = Nearest(inside)
         finest = grid.at_bins(np.clip(on_surface(denoised.finest), 0, 1))
@@ -140,14 +146,13 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        self._publish(inside, certain, quadric, phase, variance, denoised.wavelength)
+        self._publish(inside, certain, quadric, phase, at_nodes, variance, denoised.wavelength)
 
-    def _publish(self, inside, certain, quadric, phase, variance, wavelength) -> None:
+    def _publish(self, inside, certain, quadric, phase, at_nodes, variance, wavelength) -> None:
         """Put what is certain enough, and lit by the panel, into the cloud."""
         grid = self._grid
         sure, share, good = self._ends(inside, certain)
         inverse, _ = self._bins.meet(phase)
-        at_nodes = grid.at_nodes(phase)
         rim = within_panel(self._rig, self._pattern, at_nodes, self._nodes.meet(at_nodes)[1])
         self.measured |= good & (rim > RIM)
         own = grid.repeated(certain & good) & np.isfinite(inverse)
@@ -180,7 +185,8 @@ class Points:
         along_u, along_v = self._grid.fringe
         reach = [math.ceil(_FAR_OFF * n) for n in (along_v, along_u / self._grid.node)]
         inner = ~_dilated(~certain, 1, 1)
-        near, others = (_dilated(each, *reach) for each in (certain, self._good & ~inside))
+        other = wider_than_windows(self._good & ~inside)
+        near, others = (_dilated(each, *reach) for each in (certain, other))
         at_end = _dilated(~near, *(2 * n + 1 for n in reach)) & ~others
         share = self._share(near, inner)
         sure = inner | (certain & ~at_end)
