@@ -121,7 +121,7 @@ class Points:
         grid, fit = self._grid, self._fit
         inverse, _ = self._nodes.meet(self._phase)
         # Light from beside the surface reaches into the nodes at its rim.
-        rim = _dilated(self._usable & ~inside, 1, 1)
+        rim = _dilated(self._usable & ~inside, 1, 2)
         inside = inside & self._good & np.isfinite(inverse)  # a ray may miss its plane
         if np.count_nonzero(inside) < _LEAST_NODES:
             return
@@ -205,7 +205,8 @@ class Points:
         beyond = grid.at_bins(Nearest(~near)(grid.at_nodes(self._light)))
         surface = level + amplitude * fit.wave - beyond
         here = grid.at_nodes((self._light - beyond) * surface)
-        return here / np.maximum(grid.at_nodes(surface * surface), 1)
+        share = here / np.maximum(grid.at_nodes(surface * surface), 1)
+        return np.minimum(share, 1 / np.maximum(share, np.float32(1e-3)))  # more is another's
 
     def _at_pixels(self, values, how=cv2.INTER_LINEAR):
         """Values of the bins or of the nodes at the cloud's pixels."""
