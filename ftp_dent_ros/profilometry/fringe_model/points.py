@@ -204,8 +204,8 @@ class Points:
         )
         beyond = grid.at_bins(Nearest(~near)(grid.at_nodes(self._light)))
         surface = level + amplitude * fit.wave - beyond
-        here = grid.at_nodes((self._light - beyond) * surface)
-        share = here / np.maximum(grid.at_nodes(surface * surface), 1)
+        here = grid.at_nodes((self._light - beyond) * np.sign(surface))
+        share = here / np.maximum(grid.at_nodes(np.abs(surface)), 1)
         return np.minimum(share, 1 / np.maximum(share, np.float32(1e-3)))  # more is another's
 
     def _at_pixels(self, values, how=cv2.INTER_LINEAR):
