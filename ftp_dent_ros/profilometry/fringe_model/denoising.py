@@ -103,9 +103,9 @@ def denoise(
         lost = lost * (1 - gain)
         octaves_lost = octaves_lost * np.exp2(lost)
         low, lows = smooth, smooths
-    return Denoised(
-        *((kept + low) * mask, variance + _BEYOND * noise, finest, _FINEST * octaves_lost)
-    )
+    # At rims the widest windows are cut.
+    variance = variance + np.float32(_BEYOND) * noise / np.square(mean.share(width))
+    return Denoised((kept + low) * mask, variance, finest, _FINEST * octaves_lost)
 
 
 class _Means:
@@ -115,11 +115,15 @@ class _Means:
         self._grid, self._mask = grid, mask
         self._shares: dict[float, NDArray[np.float32]] = {}
 
+    def share(self, fringes):
+        """Share of the surface in windows of so many fringes."""
+        if fringes not in self._shares:
+            self._shares[fringes] = self._share_of(self._mask, fringes)
+        return self._shares[fringes]
+
     def of(self, values, fringes):
         """Mean over so many fringes."""
-        if fringes not in self._shares:
-            self._shares[fringes] = self._share(self._mask, fringes)
-        return self._grid.smooth_nodes(values * self._mask, fringes) / self._shares[fringes]
+        return self._grid.smooth_nodes(values * self._mask, fringes) / self.share(fringes)
 
     def flat_top(self, values, fringes):
         """The mean, and the mean of what it leaves: slopes and bends pass."""
@@ -133,8 +137,8 @@ class _Means:
         # Of a Gaussian, by the mean of its absolute values.
         scale = np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
         weight = self._mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
-        mean = self._grid.smooth_nodes(square * weight, fringes) / self._share(weight, fringes)
+        mean = self._grid.smooth_nodes(square * weight, fringes) / self._share_of(weight, fringes)
         return np.float32(_OF_DIRT / _LEFT) * mean
 
-    def _share(self, weight, fringes):
+    def _share_of(self, weight, fringes):
         return np.maximum(self._grid.smooth_nodes(weight, fringes), np.float32(1e-3))
