@@ -147,8 +147,8 @@ class FringeModel:
         return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
 
     def _start(self, light: Light) -> Start:
-        lights = light.red, light.other, light.usable
-        return fit_planes(self.grid, *lights, self._planes, self._steps)
+        other = light.other if self.pattern.code == 'stripe' else None
+        return fit_planes(self.grid, light.red, other, light.usable, self._planes, self._steps)
 
     def _area(self, light: Light, start: Start, numbered, phase, reference) -> LitArea:
         """Where the light ends, and the phase, by the first fit: whatever the panel's rims are."""
@@ -217,7 +217,7 @@ class FringeModel:
 
     def _code(self, light: Light, start: Start):
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
-        if self.pattern.code == 'contrast':
+        if start.other is None:
             return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
         red = np.maximum(start.amplitude, 1)
         variance = (start.other.rest + start.rest + 0.1) / self.grid.bins_in_window
@@ -265,7 +265,7 @@ class FringeModel:
 
     def _filled(self, light: Light, start: Start, phase) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""
-        if self.pattern.code == 'contrast':
+        if start.other is None:
             return light.grey
         outside = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * _TURN
         nearest = Nearest(outside & start.fringes)

@@ -169,13 +169,17 @@ class Points:
         on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0) & (sigma < _FAR * z)
         on &= self._at_pixels(rim) > RIM
         on &= (self._at_pixels(sure, cv2.INTER_NEAREST) > 0) | (self._at_pixels(share) > _SHARE)
-        cloud, depth = self.cloud, z[on]
-        cloud.points[on, :2], cloud.points[on, 2] = self._rays[on] * depth[:, None], depth
-        cloud.intensity[on] = self._at_pixels(self._amplitude)[on]
-        cloud.sigma[on] = sigma[on]
-        pixel = depth / np.float32(self._rig.camera.camera_matrix[0, 0])
-        wavelength = self._at_pixels(led_on(wavelength))[on]
-        cloud.resolution[on] = wavelength * np.float32(grid.period) * pixel
+        x, y = self._rays[..., 0], self._rays[..., 1]
+        wavelength = self._at_pixels(led_on(wavelength)) * np.float32(grid.period)
+        focal_length = np.float32(self._rig.camera.camera_matrix[0, 0])
+        cloud = self.cloud
+        for field, values in (
+            *((cloud.points[..., i], each) for i, each in enumerate((x * z, y * z, z))),
+            (cloud.intensity, self._at_pixels(self._amplitude)),
+            (cloud.sigma, sigma),
+            (cloud.resolution, wavelength * z / focal_length),
+        ):
+            np.copyto(field, values, where=on)
 
     def _ends(self, inside, certain):
         """Nodes inside a surface, the share of its light (eq. 11), and nodes that may have points.
