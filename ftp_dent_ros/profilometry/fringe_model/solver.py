@@ -156,22 +156,21 @@ class Solver:
 
         And what level, amplitude and shift of the nodes follow of the blur that was learned.
         """
-        size = np.maximum(fit.amplitude, 1)
+        few = np.s_[::_EVERY, ::_EVERY]
+        phase, amplitude = fit.phase[few], fit.amplitude[few]
+        size = np.maximum(amplitude, 1)
         by_blur: Any = None
         follow: tuple[Any, ...] = ()
         if windows is not None:
-            by_blur = fit.amplitude * fit.waveform.by_blur(fit.phase)
+            each = windows.fit(fit.amplitude * fit.waveform.by_blur(fit.phase))
             # What the windows' unknowns follow of the blur does not show it.
-            each = windows.fit(by_blur)
             follow = each.level, each.amplitude, each.slope
-            level, amplitude, shift = map(self.grid.at_bins, follow)
-            by_blur = (by_blur - level - amplitude * wave - shift * slope) / size
-            by_blur = np.stack([by_blur, *(by_blur * self._plane)])
-            by_blur = by_blur[:, ::_EVERY, ::_EVERY].reshape(3, -1)
-        some = (
-            each[::_EVERY, ::_EVERY].ravel()
-            for each in (fit.phase, residual / size, weight * size * size * (fit.amplitude > 1))
-        )
+            level, contrast, shift = (self.grid.at_bins(each)[few] for each in follow)
+            by_blur = amplitude * fit.waveform.by_blur(phase)
+            by_blur = (by_blur - level - contrast * wave[few] - shift * slope[few]) / size
+            by_blur = np.stack([by_blur, *(by_blur * self._plane[:, *few])]).reshape(3, -1)
+        weight = weight[few] * size * size * (amplitude > 1)
+        some = (each.ravel() for each in (phase, residual[few] / size, weight))
         waveform, more = fit.waveform.corrected(*some, by_blur)
         fit = replace(fit, waveform=waveform, slopes=fit.slopes + more[1:])
         if not follow:
