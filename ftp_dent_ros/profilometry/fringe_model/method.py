@@ -225,7 +225,7 @@ class FringeModel:
         return other / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
-        """Absolute phase of the bins, that of smooth surfaces, and the nodes' surface, -1 for none.
+        """Absolute phase of bins, that of smooth surfaces, and the nodes' surface, -1 for none.
 
         What is beyond a surface is far from its quadric by as much as the nearest of it.
         """

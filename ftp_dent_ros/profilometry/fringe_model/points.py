@@ -38,11 +38,12 @@ _ROUNDING = 0.05
 _LEAST_NODES = 30
 # Standard deviation of a phase that is published, radians: a 24th of a fringe.
 _DEVIATION = math.pi / 12
+# Rows and columns of nodes at the rim into which light from beside the surface reaches.
+_BOTH = 1, 2
 # Standard deviation of a point over its distance, beyond which it is none.
 _FAR = 0.1
-# Fringes from a surface on where the light is another's; standard deviation of the means of light
-# at its rim.
-_FAR_OFF, _RIM_WIDTH = 1.0, 0.15
+# Fringes from a surface on where the light is another's.
+_FAR_OFF = 1.0
 # Share of the light that is there at the rim, which the lens blurs.
 _SHARE = 0.8
 # Projector pixels at the panel's rim that the lens blurs.
@@ -109,7 +110,7 @@ class Points:
         self.measured = np.zeros(grid.node_shape, bool)
         #: Phase of each surface at the nodes, and where it is certain, on the panel or beyond.
         self.surfaces: list[tuple[NDArray[np.float32], NDArray[np.bool_]]] = []
-        self._at_stripe: list[NDArray[np.float32]] = []
+        self._at_stripe: list[NDArray[np.floating]] = []
 
     @property
     def stripe_depth(self) -> float:
@@ -120,8 +121,7 @@ class Points:
         """Add the surface of some nodes."""
         grid, fit = self._grid, self._fit
         inverse, _ = self._nodes.meet(self._phase)
-        # Light from beside the surface reaches into the nodes at its rim.
-        rim = _dilated(self._usable & ~inside, 1, 2)
+        rim = _dilated(self._usable & ~inside, *_BOTH)
         inside = inside & self._good & np.isfinite(inverse)  # a ray may miss its plane
         if np.count_nonzero(inside) < _LEAST_NODES:
             return
