@@ -168,9 +168,8 @@ class Solver:
             level, contrast, shift = (self.grid.at_bins(each)[few] for each in follow)
             by_blur = amplitude * fit.waveform.by_blur(phase)
             by_blur = (by_blur - level - contrast * wave[few] - shift * slope[few]) / size
-            by_blur = np.stack([by_blur, *(by_blur * self._plane[(slice(None), *few)])]).reshape(
-                3, -1
-            )
+            along_u, along_v = (each[few] for each in self._plane)
+            by_blur = np.stack([by_blur, by_blur * along_u, by_blur * along_v]).reshape(3, -1)
         weight = weight[few] * size * size * (amplitude > 1)
         some = (each.ravel() for each in (phase, residual[few] / size, weight))
         waveform, more = fit.waveform.corrected(*some, by_blur)
