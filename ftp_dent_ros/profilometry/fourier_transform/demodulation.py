@@ -18,7 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.carrier import Carrier
-from ftp_dent_ros.profilometry.fourier import analytic_signal, background, spectrum
+from ftp_dent_ros.profilometry.fourier_transform.fourier import (
+    analytic_signal,
+    background,
+    spectrum,
+)
 
 # Rounds in which what lies beside the region, and what is strange in it, is filled.
 _ROUNDS = 4

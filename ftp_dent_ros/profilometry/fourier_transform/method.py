@@ -21,20 +21,20 @@ from ftp_dent_ros.profilometry.carrier import (
     measured_carrier,
     plane_through,
 )
-from ftp_dent_ros.profilometry.fourier import phase_of
 from ftp_dent_ros.profilometry.fourier_transform.absolute_phase import fringe_order
 from ftp_dent_ros.profilometry.fourier_transform.demodulation import demodulate
+from ftp_dent_ros.profilometry.fourier_transform.fourier import phase_of
 from ftp_dent_ros.profilometry.fourier_transform.reference import (
     extend,
     phase_shift,
     reference_phase,
 )
 from ftp_dent_ros.profilometry.fourier_transform.region import Window, clipped, lit_region, trusted
+from ftp_dent_ros.profilometry.fourier_transform.stripe import Stripe, find_stripe
 from ftp_dent_ros.profilometry.lit_area import WINDOWED, LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import check_pattern
 from ftp_dent_ros.profilometry.settings import Settings
-from ftp_dent_ros.profilometry.stripe import Stripe, find_stripe
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig.rig import Rig

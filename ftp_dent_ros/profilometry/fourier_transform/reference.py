@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.carrier import Carrier, ReferencePlane
-from ftp_dent_ros.profilometry.fourier import analytic_signal, phase_of, spectrum
+from ftp_dent_ros.profilometry.fourier_transform.fourier import analytic_signal, phase_of, spectrum
 from ftp_dent_ros.rig.rig import Rig
 
 # Rays nearly along a turned plane: it is taken to be no more than ten times as far there.
