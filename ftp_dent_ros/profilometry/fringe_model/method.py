@@ -25,7 +25,7 @@ from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
-from ftp_dent_ros.profilometry.fringe_model.light import RED, Light
+from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_panel
@@ -114,7 +114,7 @@ class FringeModel:
         ------
         SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
-        light = Light.of(photograph, self.grid)
+        light = Light.of(photograph, self.grid, self.pattern.code == 'stripe')
         start = self._start(light)
         try:
             orders, numbered = self._orders(light, start)
@@ -147,7 +147,7 @@ class FringeModel:
         return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
 
     def _start(self, light: Light) -> Start:
-        lights = light.red, light.other, light.usable
+        lights = light.unbroken, light.other, light.usable
         return fit_planes(self.grid, *lights, self._planes, self._steps)
 
     def _area(self, light: Light, start: Start, numbered, phase, reference) -> LitArea:
@@ -164,7 +164,7 @@ class FringeModel:
             try:
                 other = replace(self.pattern, period_px=ratio * self.pattern.period_px)
                 model = FringeModel(self.rig, other, self.stride)
-                light = Light.of(photograph, model.grid)
+                light = Light.of(photograph, model.grid, self.pattern.code == 'stripe')
                 start = model._start(light)
                 orders, numbered = model._orders(light, start)
             except OtherPatternError:
@@ -272,7 +272,8 @@ class FringeModel:
         other = np.hypot(start.other.amplitude, start.other.slope)
         ratio = other / np.maximum(start.amplitude, 1)
         offset = nearest(start.other.level - ratio * start.level)
-        filled = self.grid.at_bins(offset) + (RED + self.grid.at_bins(nearest(ratio))) * light.red
+        filled = self.grid.at_bins(offset)
+        filled += (light.shares[0] + self.grid.at_bins(nearest(ratio))) * light.unbroken
         return np.where(np.abs(phase) < _STRIPE, filled, light.grey)
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:
