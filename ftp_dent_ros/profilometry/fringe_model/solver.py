@@ -98,7 +98,7 @@ class Solver:
         fit = FringeFit(phase, level, amplitude, *4 * (light,), waveform, np.zeros(2))
         # Before the phase follows the response, as ripples that the windows do not see again.
         residual = light - level - amplitude * wave
-        fit, _ = self._learned(fit, residual, wave, slope, usable, None)
+        fit, _ = self._learned(fit, residual, wave, slope, self._weight(usable, residual), None)
         for number in range(_ROUNDS):
             wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
