@@ -68,15 +68,7 @@ class Light:
     @cached_property
     def grey(self) -> NDArray[np.float32]:
         """The colours by their shares."""
-        return self._sum(0)
-
-    @cached_property
-    def other(self) -> NDArray[np.float32]:
-        """Green and blue by their shares."""
-        return self._sum(1)
-
-    def _sum(self, first: int) -> NDArray[np.float32]:
-        total = np.zeros_like(self.colours[0])
-        for share, colour in zip(self.shares[first:], self.colours[first:], strict=True):
-            total += np.float32(share) * colour
-        return total
+        grey = np.zeros_like(self.colours[0])
+        for share, colour in zip(self.shares, self.colours, strict=True):
+            grey += np.float32(share) * colour
+        return grey

@@ -53,8 +53,8 @@ class Start:
         Phase about that plane's.
     fringes : ndarray of bool, shape (rows, nodes)
         Where fringes are seen, those at the rims of surfaces too.
-    other : LocalFit
-        The same fringes in the other colours.
+    colours : list of LocalFit
+        The same fringes in each colour.
     """
 
     phase: NDArray[np.float32]
@@ -65,7 +65,7 @@ class Start:
     reference: NDArray[np.float32]
     away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
-    other: LocalFit
+    colours: list[LocalFit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class Plane:
 def fit_planes(
     grid: BinGrid,
     light: NDArray[np.float32],
-    other: NDArray[np.float32],
+    colours: Sequence[NDArray[np.float32]],
     usable: NDArray[np.float32],
     planes: Sequence[Plane],
     steps: float,
@@ -112,8 +112,11 @@ def fit_planes(
 
     Parameters
     ----------
-    light, other, usable : ndarray, shape (rows, columns)
-        Light that has fringes everywhere, that of the other colours, and 1 where it is usable.
+    light : ndarray, shape (rows, columns)
+        Light that has fringes everywhere.
+    colours : sequence of ndarray, shape (rows, columns)
+    usable : ndarray, shape (rows, columns)
+        1 where light is usable.
     planes : sequence of Plane
     steps : float
         Mean square that the code's own steps leave at most, over the amplitude's square.
@@ -148,7 +151,7 @@ def fit_planes(
     windows = Windows(grid, np.cos(phase), -np.sin(phase), usable)
     return Start(
         *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, rest),
-        *(reference, away, fringes, windows.fit(other)),
+        *(reference, away, fringes, [windows.fit(each) for each in colours]),
     )
 
 
