@@ -47,8 +47,8 @@ def check_rows(
     if not found.seen:
         return
     if other is not None and under_other is not None and under_other.seen:
-        off = _off(found)
-        if off > _OFF and _off(under_other) < _LEFT * off:
+        off, left = (_off(each, found) for each in (found, under_other))
+        if off > _OFF and left < _LEFT * off:
             raise OtherPatternError(
                 f'the fringes end, and their rows lie, as in a frame with a period of '
                 f'{other.period_px:.2f} px and a crest at {other.stripe_center_px:.0f} (as seen), '
@@ -67,13 +67,16 @@ def check_rows(
         )
 
 
-def _off(found: EpipolarCheck) -> float:
-    """How far shift, turn and stretch are off: the sum of their squares over their variances."""
+def _off(check: EpipolarCheck, certain: EpipolarCheck) -> float:
+    """How far shift, turn and stretch are off: the sum of their squares over variances.
+
+    The variances are those of `certain`: what is less certain lies no better.
+    """
     return sum(
-        (scale * value) ** 2 / ((scale * deviation) ** 2 + TOLERANCE**2)
-        for value, deviation, scale in (
-            (found.shift, found.shift_deviation, 1.0),
-            (found.turn, found.turn_deviation, found.reach),
-            (found.stretch, found.stretch_deviation, found.height),
+        (scale * value) ** 2 / ((of * deviation) ** 2 + TOLERANCE**2)
+        for value, deviation, scale, of in (
+            (check.shift, certain.shift_deviation, 1.0, 1.0),
+            (check.turn, certain.turn_deviation, check.reach, certain.reach),
+            (check.stretch, certain.stretch_deviation, check.height, certain.height),
         )
     )

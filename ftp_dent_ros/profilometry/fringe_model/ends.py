@@ -49,8 +49,8 @@ def lit_bins(
     )
     onwards = reference + away
     beyond = grid.at_bins(Nearest(~near)(start.level))
-    fringes = np.square(light.red - level - amplitude * np.cos(onwards))
-    gain = light.usable * (np.square(light.red - beyond) - fringes)
+    fringes = np.square(light.unbroken - level - amplitude * np.cos(onwards))
+    gain = light.usable * (np.square(light.unbroken - beyond) - fringes)
     gain = np.where(grid.repeated(near), gain, 0) - np.float32(_ROUNDING)
     wide, high = (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
     lit = _stretches(gain, high) & _stretches(gain.T, wide).T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,24 @@ class LocalFit:
     slope: NDArray[np.float32]
     rest: NDArray[np.float32]
     total: NDArray[np.float32]
+
+    @classmethod
+    def of_mixture(cls, fits: Sequence[LocalFit], shares: Sequence[float]) -> LocalFit:
+        """Fit of lights by their shares, of which the same is not explained."""
+
+        def mixed(values):
+            return sum(
+                np.float32(share) * each for share, each in zip(shares, values, strict=True)
+            )
+
+        level, amplitude, slope = (
+            mixed([getattr(fit, name) for fit in fits]) for name in ('level', 'amplitude', 'slope')
+        )
+        rest, total = (
+            np.square(mixed([np.sqrt(getattr(fit, name)) for fit in fits]))
+            for name in ('rest', 'total')
+        )
+        return cls(level, amplitude, slope, rest, total)
 
 
 class Windows:

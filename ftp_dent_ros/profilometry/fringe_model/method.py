@@ -25,11 +25,12 @@ from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
-from ftp_dent_ros.profilometry.fringe_model.light import RED, Light
-from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
+from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
+from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
 from ftp_dent_ros.profilometry.fringe_model.solver import Solver
 from ftp_dent_ros.profilometry.fringe_model.start import PLANES, Plane, Start, fit_planes
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
@@ -114,7 +115,7 @@ class FringeModel:
         ------
         SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
-        light = Light.of(photograph, self.grid)
+        light = Light.of(photograph, self.grid, self.pattern.code == 'stripe')
         start = self._start(light)
         try:
             orders, numbered = self._orders(light, start)
@@ -122,13 +123,18 @@ class FringeModel:
             self._check_other_periods(photograph)
             raise
         phase, reference, surface = self._absolute(start, orders, numbered)
-        plain = self._filled(light, start, phase)
+        outside = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * _TURN
+        outside = start.fringes & (outside | (self.pattern.code == 'contrast'))
+        plain = self._filled(light, start, phase, outside)
         lit = self._lit(phase)
         usable = light.usable * lit
         waveform = self._waveform
         if waveform.has_code:
             waveform = self._blurred(plain, usable, phase, start.surface >= 0)
         fit = self._solver.solve(plain, usable, reference, phase, waveform)
+        if len(light.colours) > 1:
+            lead = lead_of_paint(self.grid, start.colours, light.shares, outside)
+            fit = replace(fit, phase=fit.phase - self.grid.at_bins(Nearest(outside)(lead)))
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
         points = Points(*geometry, self.stride, fit, usable, plain)
         for number in orders:
@@ -147,8 +153,8 @@ class FringeModel:
         return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
 
     def _start(self, light: Light) -> Start:
-        other = light.other if self.pattern.code == 'stripe' else None
-        return fit_planes(self.grid, light.red, other, light.usable, self._planes, self._steps)
+        lights = light.unbroken, light.colours, light.usable
+        return fit_planes(self.grid, *lights, self._planes, self._steps)
 
     def _area(self, light: Light, start: Start, numbered, phase, reference) -> LitArea:
         """Where the light ends, and the phase, by the first fit: whatever the panel's rims are."""
@@ -164,7 +170,7 @@ class FringeModel:
             try:
                 other = replace(self.pattern, period_px=ratio * self.pattern.period_px)
                 model = FringeModel(self.rig, other, self.stride)
-                light = Light.of(photograph, model.grid)
+                light = Light.of(photograph, model.grid, self.pattern.code == 'stripe')
                 start = model._start(light)
                 orders, numbered = model._orders(light, start)
             except OtherPatternError:
@@ -217,12 +223,12 @@ class FringeModel:
 
     def _code(self, light: Light, start: Start):
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
-        if start.other is None:
+        if self.pattern.code == 'contrast':
             return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
         red = np.maximum(start.amplitude, 1)
-        variance = (start.other.rest + start.rest + 0.1) / self.grid.bins_in_window
-        other = np.hypot(start.other.amplitude, start.other.slope)
-        return other / red, np.square(red) / variance
+        other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
+        variance = (other.rest + start.rest + 0.1) / self.grid.bins_in_window
+        return np.hypot(other.amplitude, other.slope) / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
         """Absolute phase of bins, that of smooth surfaces, and the nodes' surface, -1 for none.
@@ -263,16 +269,16 @@ class FringeModel:
         lit: NDArray[np.bool_] = self.grid.at_bins(within.astype(np.float32)) > RIM
         return lit
 
-    def _filled(self, light: Light, start: Start, phase) -> NDArray[np.float32]:
+    def _filled(self, light: Light, start: Start, phase, outside) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""
-        if start.other is None:
+        if self.pattern.code == 'contrast':
             return light.grey
-        outside = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * _TURN
-        nearest = Nearest(outside & start.fringes)
-        other = np.hypot(start.other.amplitude, start.other.slope)
-        ratio = other / np.maximum(start.amplitude, 1)
-        offset = nearest(start.other.level - ratio * start.level)
-        filled = self.grid.at_bins(offset) + (RED + self.grid.at_bins(nearest(ratio))) * light.red
+        nearest = Nearest(outside)
+        other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
+        ratio = np.hypot(other.amplitude, other.slope) / np.maximum(start.amplitude, 1)
+        offset = nearest(other.level - ratio * start.level)
+        filled = self.grid.at_bins(offset)
+        filled += (light.shares[0] + self.grid.at_bins(nearest(ratio))) * light.unbroken
         return np.where(np.abs(phase) < _STRIPE, filled, light.grey)
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:

@@ -47,7 +47,7 @@ class FringeFit:
     wave, slope : ndarray
         F and its derivative.
     waveform : Waveform
-        With its harmonics and blur.
+        With its response and blur.
     slopes : ndarray, shape (2,)
         Rise of the blur's variance over the width and height, radians^2.
     """
@@ -96,6 +96,9 @@ class Solver:
         first = Windows(grid, wave, slope, usable).fit(light)
         level, amplitude = grid.at_bins(first.level), grid.at_bins(first.amplitude)
         fit = FringeFit(phase, level, amplitude, *4 * (light,), waveform, np.zeros(2))
+        # Before the phase follows the response, as ripples that the windows do not see again.
+        residual = light - level - amplitude * wave
+        fit, _ = self._learned(fit, residual, wave, slope, self._weight(usable, residual), None)
         for number in range(_ROUNDS):
             wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1

@@ -53,8 +53,8 @@ class Start:
         Phase about that plane's.
     fringes : ndarray of bool, shape (rows, nodes)
         Where fringes are seen, those at the rims of surfaces too.
-    other : LocalFit or None
-        The same fringes in the other colours.
+    colours : list of LocalFit
+        The same fringes in each colour.
     """
 
     phase: NDArray[np.float32]
@@ -65,7 +65,7 @@ class Start:
     reference: NDArray[np.float32]
     away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
-    other: LocalFit | None
+    colours: list[LocalFit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class Plane:
 def fit_planes(
     grid: BinGrid,
     light: NDArray[np.float32],
-    other: NDArray[np.float32] | None,
+    colours: Sequence[NDArray[np.float32]],
     usable: NDArray[np.float32],
     planes: Sequence[Plane],
     steps: float,
@@ -112,8 +112,11 @@ def fit_planes(
 
     Parameters
     ----------
-    light, other, usable : ndarray, shape (rows, columns)
-        Light that has fringes everywhere, that of the other colours or None, and 1 where usable.
+    light : ndarray, shape (rows, columns)
+        Light that has fringes everywhere.
+    colours : sequence of ndarray, shape (rows, columns)
+    usable : ndarray, shape (rows, columns)
+        1 where light is usable.
     planes : sequence of Plane
     steps : float
         Mean square that the code's own steps leave at most, over the amplitude's square.
@@ -144,13 +147,11 @@ def fit_planes(
     away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
     reference = planes[best].at_bins
-    in_other = None
-    if other is not None:
-        turn = reference + grid.at_bins(away)
-        in_other = Windows(grid, np.cos(turn), -np.sin(turn), usable).fit(other)
+    turn = reference + grid.at_bins(away)
+    windows = Windows(grid, np.cos(turn), -np.sin(turn), usable)
     return Start(
         *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, rest),
-        *(reference, away, fringes, in_other),
+        *(reference, away, fringes, [windows.fit(each) for each in colours]),
     )
 
 

@@ -1,7 +1,8 @@
 """The waveform F of the projected fringes over the panel's phase, blur and response included.
 
-F is the pattern's light about its mean, blurred by a Gaussian, plus the harmonics 2 to 5 that the
-projector's and the camera's response add. Blur and harmonics are global unknowns of the fit.
+F is the pattern's light about its mean, blurred by a Gaussian, and bent by the projector's and the
+camera's response: Chebyshev's polynomials of the orders 2 to 5, which of cosines are harmonics.
+Blur and response are global unknowns of the fit.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern.pattern import Pattern
@@ -22,7 +23,8 @@ _TURN = 2 * math.pi
 _SAMPLES = 128
 # Fringes beyond the panel's ends.
 _BEYOND = 4
-_HARMONICS = np.arange(2, 6)
+# Polynomials of the response, orders 2 to 5.
+_BENDS = 4
 # Variances of the blur to choose from at first, radians^2: even steps of its width, so near that
 # the fit finds the way; the largest leaves a tenth of the fringes.
 _VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
@@ -46,21 +48,18 @@ class Waveform:
         Of the panel's light over the samples.
     frequency : ndarray, shape (frequencies,)
         Over the fringes'.
-    turns : ndarray, shape (4, samples), complex
-        Cosine and sine of the harmonics at the samples.
     variance : float
         Of the blur in the middle of the picture, radians^2.
-    harmonics : ndarray, shape (4,)
-        Of the harmonics 2 to 5, over the fundamental: cosines, as a response has no phase.
+    response : ndarray, shape (4,)
+        Of the polynomials of the orders 2 to 5, over the fundamental.
     """
 
     start: float
     has_code: bool
     spectrum: NDArray[np.complex128]
     frequency: NDArray[np.floating]
-    turns: NDArray[np.complex128]
     variance: float = USUAL
-    harmonics: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_HARMONICS)))
+    response: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_BENDS))
 
     @classmethod
     def of(cls, pattern: Pattern) -> Waveform:
@@ -75,7 +74,6 @@ class Waveform:
             pattern.code == 'contrast',
             np.fft.rfft(light) / np.sinc(1 / pattern.period_px),
             np.fft.rfftfreq(count, _TURN / _SAMPLES) * _TURN,
-            np.exp(1j * np.outer(_HARMONICS, phase)),
         )
 
     @cached_property
@@ -94,7 +92,7 @@ class Waveform:
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float32], ...]:
-        """F, dF / d phase and dF / d variance at the samples, shape (samples,)."""
+        """F, dF / d phase, dF / d variance and the straight F at the samples, shape (samples,)."""
         count = 2 * (len(self.frequency) - 1)
         # Over the carrier's own loss, which is the amplitude's.
         half = (1 - np.square(self.frequency)) / 2
@@ -103,16 +101,16 @@ class Waveform:
             np.fft.irfft(each, count)
             for each in (blurred, 1j * self.frequency * blurred, half * blurred)
         )
-        if self.harmonics.any():
-            light += (self.harmonics @ self.turns).real
-            slope -= ((_HARMONICS * self.harmonics) @ self.turns).imag
-        return tuple(each.astype(np.float32) for each in (light, slope, by_blur))
+        bent = [0, 1, *self.response]
+        steep = chebyshev.chebval(light, chebyshev.chebder(bent))
+        tables = chebyshev.chebval(light, bent), steep * slope, steep * by_blur, light
+        return tuple(each.astype(np.float32) for each in tables)
 
     def at(
         self, phase: NDArray[np.float32], more_blur: NDArray[np.float32] | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """F and dF / d phase at phases, in a blur whose variance is so much more (radians^2)."""
-        light, slope, by_blur = self.tables
+        light, slope, by_blur, _ = self.tables
         index, beyond = self._nearest(phase)
         slope = slope.take(index, mode='clip')
         wave = light.take(index, mode='clip') + slope * beyond
@@ -157,16 +155,17 @@ class Waveform:
         more : ndarray, shape (3,)
             Of the blur's variance in the middle, and of its rise over width and height.
         """
-        terms = np.stack([*_overtones(phase), *(() if by_blur is None else by_blur)])
+        straight = self.tables[3].take(self._nearest(phase)[0], mode='clip')
+        bends = chebyshev.chebvander(straight, _BENDS + 1).T[2:]
+        terms = np.vstack([bends, *(() if by_blur is None else by_blur)])
         weighted = terms * weight
         normal = (weighted @ terms.T).astype(float)
         ridge = 1e-9 + 1e-6 * np.trace(normal)
         more = np.linalg.solve(normal + ridge * np.eye(len(normal)), weighted @ misfit)
-        count = len(_HARMONICS)
-        blur = np.zeros(3) if by_blur is None else np.clip(more[count:], -_STEP, _STEP)
-        harmonics = self.harmonics + more[:count]
+        blur = np.zeros(3) if by_blur is None else np.clip(more[_BENDS:], -_STEP, _STEP)
+        response = self.response + more[:_BENDS]
         blur[0] = np.clip(self.variance + blur[0], 0, _VARIANCES[-1]) - self.variance
-        waveform = replace(self, harmonics=harmonics, variance=self.variance + float(blur[0]))
+        waveform = replace(self, response=response, variance=self.variance + float(blur[0]))
         return waveform, blur
 
 
@@ -183,13 +182,3 @@ def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]
     light = 2 * np.where(on_panel, drawn, pattern.intensity(pixels)) - 1
     total = np.interp(ends, np.append(pixels, pixels[-1] + 1) - 0.5, np.append(0, light.cumsum()))
     return np.diff(total) / np.diff(ends)
-
-
-def _overtones(phase):
-    """Cosine of each harmonic."""
-    cosine, sine = cv2.polarToCart(np.ones_like(phase), phase)
-    turn = (cosine + 1j * sine).ravel()
-    power = turn
-    for _ in _HARMONICS:
-        power = power * turn
-        yield power.real
