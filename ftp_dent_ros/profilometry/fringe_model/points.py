@@ -89,8 +89,9 @@ class Points:
         self._seen = _around(share)
         square = usable * fit.residual * fit.residual
         rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
-        explained = rest < _UNEXPLAINED * np.maximum(fit.scale, _ROUNDING)
-        visible = amplitude > _VISIBLE * np.sqrt(fit.scale)
+        scale = np.maximum(fit.scale, np.float32(_ROUNDING))
+        explained = rest < _UNEXPLAINED * scale
+        visible = grid.at_nodes(fit.amplitude) > _VISIBLE * np.sqrt(scale)
         self._good = explained & visible & (self._seen > _SEEN)
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
         uneven = square * (fit.slope * fit.slope - fit.wave * fit.wave)
