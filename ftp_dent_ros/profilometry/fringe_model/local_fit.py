@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +31,12 @@ class LocalFit:
     slope: NDArray[np.float32]
     rest: NDArray[np.float32]
     total: NDArray[np.float32]
+
+    @property
+    def swing(self) -> NDArray[np.float32]:
+        """Amplitude of the fringes, whatever their shift."""
+        swing: Any = cv2.magnitude(self.slope, self.amplitude)
+        return swing
 
 
 class Windows:

@@ -219,13 +219,12 @@ class FringeModel:
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
         if self.pattern.code == 'contrast':
             return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
-        red = np.maximum(start.amplitude, 1)
-        variance = (start.other.rest + start.rest + 0.1) / self.grid.bins_in_window
-        other = np.hypot(start.other.amplitude, start.other.slope)
-        return other / red, np.square(red) / variance
+        red = np.maximum(start.red.swing, 1)
+        variance = (start.other.rest + start.red.rest + 0.1) / self.grid.bins_in_window
+        return start.other.swing / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
-        """Absolute phase of the bins, that of smooth surfaces, and the nodes' surface, -1 for none.
+        """Absolute phase of the bins, that of smooth surfaces, and nodes' surfaces, -1 for none.
 
         What is beyond a surface is far from its quadric by as much as the nearest of it.
         """
@@ -269,9 +268,8 @@ class FringeModel:
             return light.grey
         outside = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * _TURN
         nearest = Nearest(outside & start.fringes)
-        other = np.hypot(start.other.amplitude, start.other.slope)
-        ratio = other / np.maximum(start.amplitude, 1)
-        offset = nearest(start.other.level - ratio * start.level)
+        ratio = start.other.swing / np.maximum(start.red.swing, 1)
+        offset = nearest(start.other.level - ratio * start.red.level)
         filled = self.grid.at_bins(offset) + (RED + self.grid.at_bins(nearest(ratio))) * light.red
         return np.where(np.abs(phase) < _STRIPE, filled, light.grey)
 

@@ -29,7 +29,7 @@ _SCATTERS = (0.02, 0.05, 0.1, 0.2, 0.4)
 _USUAL, _RIVALS = (0.1, 0.7), 4
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
-#: Odds of the accepted order against all others together.
+#: Odds of the accepted order against all others together, and fringes without any code.
 ODDS = 1e3
 # Odds of another order within words of the code that part them from the surface: surfaces that
 # meet in whole fringes are as rare.
@@ -127,7 +127,9 @@ class OrderLikelihood:
         of_pairs = [self._likelihood(step, noise, orders[few], low, *pair) for pair in pairs]
         total = logsumexp([pair.sum(axis=(1, 2)) for pair in of_pairs], axis=0)
         first = int(np.argmax(total))
-        if len(few) > 1 and total[first] - logsumexp(np.delete(total, first)) < math.log(ODDS):
+        plain = [self._likelihood(step, noise, few[:1], low, s, 0).sum() for s in _SCATTERS]
+        rivals = [*np.delete(total, first), logsumexp(plain) + math.log(len(_GAINS))]
+        if total[first] - logsumexp(rivals) < math.log(ODDS):
             return [], math.nan
         if not self._has_words:
             return [(int(orders[few[first]]), inside)], 1.0

@@ -45,26 +45,26 @@ class Start:
         Unwrapped within each surface, whole turns unknown, radians.
     surface : ndarray, shape (rows, nodes), int32
         Number of the surface, -1 where there are no fringes.
-    level, amplitude, rest : ndarray, shape (rows, nodes), float32
-        Of the fit; `rest` is the mean square that it leaves.
+    level, amplitude : ndarray, shape (rows, nodes), float32
+        Of the fit about the best plane.
     reference : ndarray, shape (rows, columns), float32
         Phase of the best plane, at the bins.
     away : ndarray, shape (rows, nodes), float32
         Phase about that plane's.
     fringes : ndarray of bool, shape (rows, nodes)
         Where fringes are seen, those at the rims of surfaces too.
-    other : LocalFit
-        The same fringes in the other colours.
+    red, other : LocalFit
+        About that phase, of the light that has fringes everywhere and of the other colours.
     """
 
     phase: NDArray[np.float32]
     surface: NDArray[np.int32]
     level: NDArray[np.float32]
     amplitude: NDArray[np.float32]
-    rest: NDArray[np.float32]
     reference: NDArray[np.float32]
     away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
+    red: LocalFit
     other: LocalFit
 
 
@@ -133,7 +133,7 @@ def fit_planes(
     phase = of(
         [p.at_nodes + np.arctan2(f.slope, f.amplitude) for f, p in zip(fits, planes, strict=True)]
     )
-    amplitude = of([cv2.magnitude(f.slope, f.amplitude) for f in fits])
+    amplitude = of([f.swing for f in fits])
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
     variance = 2 * rest / (strength * grid.bins_in_window)
@@ -147,8 +147,8 @@ def fit_planes(
     phase = reference + grid.at_bins(away)
     windows = Windows(grid, np.cos(phase), -np.sin(phase), usable)
     return Start(
-        *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, rest),
-        *(reference, away, fringes, windows.fit(other)),
+        *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, reference),
+        *(away, fringes, windows.fit(light), windows.fit(other)),
     )
 
 
