@@ -31,7 +31,13 @@ from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, Order
 from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import Solver
-from ftp_dent_ros.profilometry.fringe_model.start import PLANES, Plane, Start, fit_planes
+from ftp_dent_ros.profilometry.fringe_model.start import (
+    LEAST_NODES,
+    PLANES,
+    Plane,
+    Start,
+    fit_planes,
+)
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
@@ -51,8 +57,6 @@ _STRIP = 10.0
 _RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
-# Nodes that a surface has at least: two rows of windows over some fringes.
-_LEAST_NODES = 30
 
 # Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
 _CLIPPED, _MOST = 0.4, 0.5
@@ -182,17 +186,17 @@ class FringeModel:
         fringes = start.surface >= 0
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         count = np.count_nonzero(clipped)
-        share = count / np.count_nonzero(clipped | fringes) if count > _LEAST_NODES else 0.0
+        share = count / np.count_nonzero(clipped | fringes) if count > LEAST_NODES else 0.0
         if share > _MOST:
             raise SaturatedError(_CLIPPED_SENTENCE.format(share))
-        sizes = np.bincount(start.surface[fringes])
-        if not (sizes >= _LEAST_NODES).any():
+        if not fringes.any():
             raise TooDarkError(_DARK)
         ratio, weight = self._code(light, start)
         orders: dict[int, int] = {}
         surface = np.full(start.surface.shape, -1, np.int32)
         unexplained = 0.0  # of all surfaces' nodes, beyond what may be
-        for number in np.flatnonzero(sizes >= _LEAST_NODES):
+        sizes = np.bincount(start.surface[fringes])
+        for number in np.flatnonzero(sizes):
             nodes = start.surface == number
             parts, explained = self._likelihood.parts(
                 start.phase, ratio, weight, nodes, self.grid.fringe[1]

@@ -29,6 +29,10 @@ _CLEARER, _LEAP = 4.3, 1.0
 _BESIDE = 1.25, 2.5
 # Mean square of rounding to whole levels in a bin, levels^2.
 _ROUNDING = 0.05
+# Share of what a surface's own phase explains that a plane does that comes near to it.
+_NEAR = 0.5
+#: Nodes that a surface has at least: two rows of windows over some fringes.
+LEAST_NODES = 30
 # Share of the fit that another plane must explain more, so that it is not chosen by noise.
 _BETTER = 0.02
 # Least amplitude, levels: beyond the rounding of levels.
@@ -146,10 +150,24 @@ def fit_planes(
     reference = planes[best].at_bins
     phase = reference + grid.at_bins(away)
     windows = Windows(grid, np.cos(phase), -np.sin(phase), usable)
-    return Start(
-        *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, reference),
-        *(away, fringes, windows.fit(light), windows.fit(other)),
+    red = windows.fit(light)
+    surface = _near(
+        unwrapped.part, of(explained), 1 - red.rest / np.maximum(red.total, np.float32(1e-6))
     )
+    return Start(
+        *(planes[best].at_nodes + away, surface, level, amplitude, reference),
+        *(away, fringes, red, windows.fit(other)),
+    )
+
+
+def _near(part: NDArray[np.int32], *explained: NDArray[np.float32]) -> NDArray[np.int32]:
+    """The surfaces to whose fringes a plane comes near, as its share and their own explain them.
+
+    What is seen of others, and of too few nodes, is by chance.
+    """
+    inside = part >= 0
+    size, plane, own = (np.bincount(part[inside], x[inside], 1) for x in (inside, *explained))
+    return np.where(((plane > _NEAR * own) & (size >= LEAST_NODES))[part], part, -1)
 
 
 def _leaps(
