@@ -24,7 +24,7 @@ from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
-from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
+from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import RED, Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
@@ -133,6 +133,10 @@ class FringeModel:
         if waveform.has_code:
             waveform = self._blurred(plain, usable, phase, start.surface >= 0)
         fit = self._solver.solve(plain, usable, reference, phase, waveform)
+        area = self._area(light, start, numbered, phase, reference)
+        if self.pattern.code == 'stripe':
+            beyond = beyond_steps(self.grid, area, start.edges, self.grid.at_nodes(phase))
+            surface = np.where(beyond, -1, surface)
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
         points = Points(*geometry, self.stride, fit, usable, plain)
         for number in orders:
@@ -144,7 +148,6 @@ class FringeModel:
         coverage = Coverage.of(
             start.surface >= 0, points.measured, clipped=clipped, **{reason: surface < 0}
         )
-        area = self._area(light, start, numbered, phase, reference)
         area = replace(area, phase=np.where(lit & area.lit, fit.phase, area.phase))
         confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
         coverage = replace(coverage, confirmed=confirmed)

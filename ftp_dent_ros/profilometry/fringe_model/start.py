@@ -57,6 +57,8 @@ class Start:
         Phase about that plane's.
     fringes : ndarray of bool, shape (rows, nodes)
         Where fringes are seen, those at the rims of surfaces too.
+    edges : ndarray of bool, shape (rows, nodes)
+        Where windows see two sides of an edge of paint, light or skin.
     red, other : LocalFit
         About that phase, of the light that has fringes everywhere and of the other colours.
     """
@@ -68,6 +70,7 @@ class Start:
     reference: NDArray[np.float32]
     away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
+    edges: NDArray[np.bool_]
     red: LocalFit
     other: LocalFit
 
@@ -143,8 +146,8 @@ def fit_planes(
     variance = 2 * rest / (strength * grid.bins_in_window)
     fringes = (variance < _DEVIATION**2) & (amplitude > _FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
-    tied = fringes & ~_leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
-    unwrapped = unwrap(wrapped, tied, jump=_JUMP)
+    edges, leaps = _edges(grid, wrapped, rest, np.float32(steps) * strength, fringes)
+    unwrapped = unwrap(wrapped, fringes & ~leaps, jump=_JUMP)
     away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
     reference = planes[best].at_bins
@@ -156,7 +159,7 @@ def fit_planes(
     )
     return Start(
         *(planes[best].at_nodes + away, surface, level, amplitude, reference),
-        *(away, fringes, red, windows.fit(other)),
+        *(away, fringes, edges, red, windows.fit(other)),
     )
 
 
@@ -170,14 +173,14 @@ def _near(part: NDArray[np.int32], *explained: NDArray[np.float32]) -> NDArray[n
     return np.where(((plane > _NEAR * own) & (size >= LEAST_NODES))[part], part, -1)
 
 
-def _leaps(
+def _edges(
     grid: BinGrid,
     wrapped: NDArray[np.float32],
     rest: NDArray[np.float32],
     least: NDArray[np.float32],
     fringes: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
-    """Nodes of rims, and of edges in the light across which the phase leaps.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Nodes of edges in the light, and of those across which the phase leaps, or nothing is.
 
     A window across a step mixes two surfaces and explains its light worse than those beside.
     Where only paint or light leaps, the phase goes on; behind a step of whole fringes its slope
@@ -215,7 +218,7 @@ def _leaps(
     count, line = cv2.connectedComponents(joined)
     usual = np.zeros(count)
     usual[1:] = ndimage.median(leap, np.where(edge, line, 0), np.arange(1, count))
-    return rim | ((joined > 0) & (usual > _LEAP)[line])
+    return edge, rim | ((joined > 0) & (usual > _LEAP)[line])
 
 
 def _moved(nodes: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
