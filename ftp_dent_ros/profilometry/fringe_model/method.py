@@ -123,7 +123,7 @@ class FringeModel:
         try:
             orders, numbered = self._orders(light, start)
         except (NoStripeError, TooDarkError):
-            self._check_other_periods(photograph)
+            self._check_other_periods(photograph, start.explained)
             raise
         phase, reference, surface = self._absolute(start, orders, numbered)
         plain = self._filled(light, start, phase)
@@ -162,8 +162,8 @@ class FringeModel:
         lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
         return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
 
-    def _check_other_periods(self, photograph: Photograph) -> None:
-        """Raise `OtherPatternError` if there are fringes that no plane comes near to.
+    def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
+        """Raise `OtherPatternError` if planes of another period come nearer to the fringes.
 
         Their phase about the stripe is the same, whatever their period.
         """
@@ -173,6 +173,8 @@ class FringeModel:
                 model = FringeModel(self.rig, other, self.stride)
                 light = Light.of(photograph, model.grid)
                 start = model._start(light)
+                if start.explained < explained:
+                    continue
                 orders, numbered = model._orders(light, start)
             except OtherPatternError:
                 raise other_code(self.pattern) from None

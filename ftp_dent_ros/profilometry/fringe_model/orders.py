@@ -125,10 +125,17 @@ class OrderLikelihood:
         few = np.argsort(each.sum(axis=(1, 2)))[-_RIVALS:]
         pairs = [(scatter, gain) for scatter in _SCATTERS for gain in _GAINS]
         of_pairs = [self._likelihood(step, noise, orders[few], low, *pair) for pair in pairs]
-        total = logsumexp([pair.sum(axis=(1, 2)) for pair in of_pairs], axis=0)
+        # Either all rows show the code, or some of them lie behind a step, as likely as not.
+        plain = [self._likelihood(step, noise, few[:1], low, s, 0).sum(axis=2) for s in _SCATTERS]
+        all_rows = [pair.sum(axis=2) for pair in of_pairs]
+        some = [
+            np.logaddexp(row, none) - math.log(2)
+            for row, none in zip(all_rows, np.repeat(plain, len(_GAINS), axis=0), strict=True)
+        ]
+        total = logsumexp(np.sum([*all_rows, *some], axis=2), axis=0)
         first = int(np.argmax(total))
-        plain = [self._likelihood(step, noise, few[:1], low, s, 0).sum() for s in _SCATTERS]
-        rivals = [*np.delete(total, first), logsumexp(plain) + math.log(len(_GAINS))]
+        without = logsumexp(np.sum(plain, axis=2)) + math.log(2 * len(_GAINS))
+        rivals = [*np.delete(total, first), without]
         if total[first] - logsumexp(rivals) < math.log(ODDS):
             return [], math.nan
         if not self._has_words:

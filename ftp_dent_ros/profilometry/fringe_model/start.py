@@ -59,6 +59,8 @@ class Start:
         Where fringes are seen, those at the rims of surfaces too.
     edges : ndarray of bool, shape (rows, nodes)
         Where windows see two sides of an edge of paint, light or skin.
+    explained : float
+        Share of the light that the best planes explain, mean over the picture.
     red, other : LocalFit
         About that phase, of the light that has fringes everywhere and of the other colours.
     """
@@ -71,6 +73,7 @@ class Start:
     away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
     edges: NDArray[np.bool_]
+    explained: float
     red: LocalFit
     other: LocalFit
 
@@ -158,8 +161,17 @@ def fit_planes(
         unwrapped.part, of(explained), 1 - red.rest / np.maximum(red.total, np.float32(1e-6))
     )
     return Start(
-        *(planes[best].at_nodes + away, surface, level, amplitude, reference),
-        *(away, fringes, edges, red, windows.fit(other)),
+        planes[best].at_nodes + away,
+        surface,
+        level,
+        amplitude,
+        reference,
+        away,
+        fringes,
+        edges,
+        float(of(explained).mean()),
+        red,
+        windows.fit(other),
     )
 
 
