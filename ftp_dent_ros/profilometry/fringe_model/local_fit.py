@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,6 +50,12 @@ class LocalFit:
             for name in ('rest', 'total')
         )
         return cls(level, amplitude, slope, rest, total)
+
+    @property
+    def swing(self) -> NDArray[np.float32]:
+        """Amplitude of the fringes, whatever their shift."""
+        swing: Any = cv2.magnitude(self.slope, self.amplitude)
+        return swing
 
 
 class Windows:

@@ -24,7 +24,7 @@ from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
-from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
+from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
@@ -32,7 +32,13 @@ from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_pa
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
 from ftp_dent_ros.profilometry.fringe_model.solver import Solver
-from ftp_dent_ros.profilometry.fringe_model.start import PLANES, Plane, Start, fit_planes
+from ftp_dent_ros.profilometry.fringe_model.start import (
+    LEAST_NODES,
+    PLANES,
+    Plane,
+    Start,
+    fit_planes,
+)
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
@@ -52,8 +58,6 @@ _STRIP = 10.0
 _RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
-# Nodes that a surface has at least: two rows of windows over some fringes.
-_LEAST_NODES = 30
 
 # Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
 _CLIPPED, _MOST = 0.4, 0.5
@@ -120,7 +124,7 @@ class FringeModel:
         try:
             orders, numbered = self._orders(light, start)
         except (NoStripeError, TooDarkError):
-            self._check_other_periods(photograph)
+            self._check_other_periods(photograph, start.explained)
             raise
         phase, reference, surface = self._absolute(start, orders, numbered)
         outside = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * _TURN
@@ -135,6 +139,10 @@ class FringeModel:
         if len(light.colours) > 1:
             lead = lead_of_paint(self.grid, start.colours, light.shares, outside)
             fit = replace(fit, phase=fit.phase - self.grid.at_bins(Nearest(outside)(lead)))
+        area = self._area(light, start, numbered, phase, reference)
+        if self.pattern.code == 'stripe':
+            beyond = beyond_steps(self.grid, area, start.edges, self.grid.at_nodes(phase))
+            surface = np.where(beyond, -1, surface)
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
         points = Points(*geometry, self.stride, fit, usable, plain)
         for number in orders:
@@ -146,7 +154,6 @@ class FringeModel:
         coverage = Coverage.of(
             start.surface >= 0, points.measured, clipped=clipped, **{reason: surface < 0}
         )
-        area = self._area(light, start, numbered, phase, reference)
         area = replace(area, phase=np.where(lit & area.lit, fit.phase, area.phase))
         confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
         coverage = replace(coverage, confirmed=confirmed)
@@ -161,8 +168,8 @@ class FringeModel:
         lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
         return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
 
-    def _check_other_periods(self, photograph: Photograph) -> None:
-        """Raise `OtherPatternError` if there are fringes that no plane comes near to.
+    def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
+        """Raise `OtherPatternError` if planes of another period come nearer to the fringes.
 
         Their phase about the stripe is the same, whatever their period.
         """
@@ -172,6 +179,8 @@ class FringeModel:
                 model = FringeModel(self.rig, other, self.stride)
                 light = Light.of(photograph, model.grid, self.pattern.code == 'stripe')
                 start = model._start(light)
+                if start.explained < explained:
+                    continue
                 orders, numbered = model._orders(light, start)
             except OtherPatternError:
                 raise other_code(self.pattern) from None
@@ -188,17 +197,17 @@ class FringeModel:
         fringes = start.surface >= 0
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         count = np.count_nonzero(clipped)
-        share = count / np.count_nonzero(clipped | fringes) if count > _LEAST_NODES else 0.0
+        share = count / np.count_nonzero(clipped | fringes) if count > LEAST_NODES else 0.0
         if share > _MOST:
             raise SaturatedError(_CLIPPED_SENTENCE.format(share))
-        sizes = np.bincount(start.surface[fringes])
-        if not (sizes >= _LEAST_NODES).any():
+        if not fringes.any():
             raise TooDarkError(_DARK)
         ratio, weight = self._code(light, start)
         orders: dict[int, int] = {}
         surface = np.full(start.surface.shape, -1, np.int32)
         unexplained = 0.0  # of all surfaces' nodes, beyond what may be
-        for number in np.flatnonzero(sizes >= _LEAST_NODES):
+        sizes = np.bincount(start.surface[fringes])
+        for number in np.flatnonzero(sizes):
             nodes = start.surface == number
             parts, explained = self._likelihood.parts(
                 start.phase, ratio, weight, nodes, self.grid.fringe[1]
@@ -225,10 +234,10 @@ class FringeModel:
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
         if self.pattern.code == 'contrast':
             return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
-        red = np.maximum(start.amplitude, 1)
+        red = np.maximum(start.own.swing, 1)
         other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
-        variance = (other.rest + start.rest + 0.1) / self.grid.bins_in_window
-        return np.hypot(other.amplitude, other.slope) / red, np.square(red) / variance
+        variance = (other.rest + start.own.rest + 0.1) / self.grid.bins_in_window
+        return other.swing / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
         """Absolute phase of bins, that of smooth surfaces, and the nodes' surface, -1 for none.
@@ -275,8 +284,8 @@ class FringeModel:
             return light.grey
         nearest = Nearest(outside)
         other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
-        ratio = np.hypot(other.amplitude, other.slope) / np.maximum(start.amplitude, 1)
-        offset = nearest(other.level - ratio * start.level)
+        ratio = other.swing / np.maximum(start.own.swing, 1)
+        offset = nearest(other.level - ratio * start.own.level)
         filled = self.grid.at_bins(offset)
         filled += (light.shares[0] + self.grid.at_bins(nearest(ratio))) * light.unbroken
         return np.where(np.abs(phase) < _STRIPE, filled, light.grey)

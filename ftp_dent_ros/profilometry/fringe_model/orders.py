@@ -23,13 +23,13 @@ _CELLS, _HIGH = 2, 1.0
 # Share of the code's light that noise leaves: a limit of logarithms.
 _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
-_GAINS = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0)
+_GAINS = (0.15, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)
 _SCATTERS = (0.02, 0.05, 0.1, 0.2, 0.4)
 # Those by which the likeliest orders are found, and so many of them are held against each other.
 _USUAL, _RIVALS = (0.1, 0.7), 4
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
-#: Odds of the accepted order against all others together.
+#: Odds of the accepted order against all others together, and fringes without any code.
 ODDS = 1e3
 # Odds of another order within words of the code that part them from the surface: surfaces that
 # meet in whole fringes are as rare.
@@ -125,9 +125,18 @@ class OrderLikelihood:
         few = np.argsort(each.sum(axis=(1, 2)))[-_RIVALS:]
         pairs = [(scatter, gain) for scatter in _SCATTERS for gain in _GAINS]
         of_pairs = [self._likelihood(step, noise, orders[few], low, *pair) for pair in pairs]
-        total = logsumexp([pair.sum(axis=(1, 2)) for pair in of_pairs], axis=0)
+        # Either all rows show the code, or some of them lie behind a step, as likely as not.
+        plain = [self._likelihood(step, noise, few[:1], low, s, 0).sum(axis=2) for s in _SCATTERS]
+        all_rows = [pair.sum(axis=2) for pair in of_pairs]
+        some = [
+            np.logaddexp(row, none) - math.log(2)
+            for row, none in zip(all_rows, np.repeat(plain, len(_GAINS), axis=0), strict=True)
+        ]
+        total = logsumexp(np.sum([*all_rows, *some], axis=2), axis=0)
         first = int(np.argmax(total))
-        if len(few) > 1 and total[first] - logsumexp(np.delete(total, first)) < math.log(ODDS):
+        without = logsumexp(np.sum(plain, axis=2)) + math.log(2 * len(_GAINS))
+        rivals = [*np.delete(total, first), without]
+        if total[first] - logsumexp(rivals) < math.log(ODDS):
             return [], math.nan
         if not self._has_words:
             return [(int(orders[few[first]]), inside)], 1.0
