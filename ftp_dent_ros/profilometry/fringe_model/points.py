@@ -38,6 +38,8 @@ _ROUNDING = 0.05
 _LEAST_NODES = 30
 # Standard deviation of a phase that is published, radians: a 24th of a fringe.
 _DEVIATION = math.pi / 12
+# Amplitude over the strongest beside, below which a node is at a rim: half of it is lit.
+_FAINTER = 0.5
 # Rows and columns of nodes at the rim into which light from beside the surface reaches.
 _BOTH = 1, 2
 # Standard deviation of a point over its distance, beyond which it is none.
@@ -93,6 +95,8 @@ class Points:
         explained = rest < _UNEXPLAINED * scale
         visible = grid.at_nodes(fit.amplitude) > _VISIBLE * np.sqrt(scale)
         self._good = explained & visible & (self._seen > _SEEN)
+        beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
+        self._whole = amplitude > _FAINTER * beside
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
         uneven = square * (fit.slope * fit.slope - fit.wave * fit.wave)
         chance = _CHANCE * math.sqrt(1.5 / grid.bins_in_window) * fit.scale
@@ -131,6 +135,7 @@ class Points:
         changes = [x - quadric_through(places, x, inside).at(*places) for x in self._changes]
         smooth = self._nodes.phase(quadric.at(*places))
         coarse = self._phase - smooth
+        inside &= self._whole
         denoised = denoise(grid, coarse, changes, inside.astype(np.float32))
         variance = np.maximum(denoised.variance, 0) + self._unexplained
         certain = inside & ~rim & (variance < _DEVIATION**2)
