@@ -17,17 +17,20 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
 _OCTAVES = 5
-# Energy over noise that shows the skin's shape: noise has it in one place of six (chi-square of
-# some 15 windows); and the share of the noise that the gain then takes off.
-_SHOWN, _TAKEN = 1.4, 0.5
+# Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand
+# (chi-square of some 15 windows).
+_SHOWN = 2.8
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
+# Part of the contrast's energy by which the noise's strays: the chance of some 15 windows.
+_CHANCE = 0.5
 # Widths of windows over which energy and noise are means: 2 and 9 windows count.
 _OF_ENERGY, _OF_NOISE = 1.5, 3.0
 # Share of Gaussian noise's mean square that is left under Geman and McClure's weights.
 _LEFT = 0.58
-# From an octave to the next, noise falls to a half at least: dirt is white along u.
-_FALLS = 0.5
+# From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
+# pass the windows of the fit alike.
+_FALLS = 1.0, 0.5
 # Noise beyond the widest window, over the last octave's: a quarter as many windows.
 _BEYOND = 0.25
 # Energy that the windows miss over that of the finest octave: of dents three fringes wide.
@@ -87,13 +90,15 @@ def denoise(
         smooth, *smooths = (mean.flat_top(x, width) for x in (low, *lows))
         detail = (low - smooth) * mask
         details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
-        before, noise = noise, np.minimum(*(mean.noise(x, width) for x in details))
-        if octave > 1:  # the first two pass the windows of the fit
-            noise = np.minimum(noise, np.float32(_FALLS) * before)
+        contrast, amplitude = (mean.variance(x, _OF_NOISE * width) for x in details)
+        before, noise = noise, np.minimum(np.float32(_OF_DIRT) * contrast, amplitude)  # eq. 8
+        if octave:
+            noise = np.minimum(noise, np.float32(_FALLS[octave > 1]) * before)
         energy = mean.of(detail * detail, _OF_ENERGY * width)
-        signal = np.maximum(energy - noise, 0)
-        taken = np.float32(_TAKEN) * noise / np.maximum(energy, np.float32(1e-12))
-        gain = np.where(energy > _SHOWN * noise, 1 - taken, 0)  # eq. 9
+        change = np.minimum(contrast, amplitude)
+        signal = np.where(energy > noise + np.float32(_CHANCE) * change, energy - noise, 0)
+        taken = change / np.maximum(energy, np.float32(1e-12))
+        gain = np.where(taken < 1 / _SHOWN, 1 - taken, 0)  # eq. 9
         gain = mean.of(gain, WIDTH * width)
         kept = kept + gain * detail
         variance = variance + gain * gain * noise + np.square(1 - gain) * signal  # eq. 10
@@ -130,15 +135,14 @@ class _Means:
         mean = self.of(values, fringes)
         return mean + self.of(values - mean, fringes)
 
-    def noise(self, change, width):
-        """Variance of the phase by an octave of a change; edges count little."""
-        fringes = _OF_NOISE * width
+    def variance(self, change, fringes):
+        """Mean square of a change; edges count little."""
         square = change * change
         # Of a Gaussian, by the mean of its absolute values.
         scale = np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
         weight = self._mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
         mean = self._grid.smooth_nodes(square * weight, fringes) / self._share_of(weight, fringes)
-        return np.float32(_OF_DIRT / _LEFT) * mean
+        return mean / np.float32(_LEFT)
 
     def _share_of(self, weight, fringes):
         return np.maximum(self._grid.smooth_nodes(weight, fringes), np.float32(1e-3))
