@@ -98,7 +98,9 @@ class Points:
         beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
         self._whole = amplitude > _FAINTER * beside
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
-        uneven = square * (fit.slope * fit.slope - fit.wave * fit.wave)
+        steep = fit.slope * fit.slope - fit.wave * fit.wave
+        below = cv2.copyMakeBorder(usable * fit.residual, 0, 1, 0, 0, cv2.BORDER_REPLICATE)[1:]
+        uneven = usable * fit.residual * below * steep
         chance = _CHANCE * math.sqrt(1.5 / grid.bins_in_window) * fit.scale
         detail = np.maximum(grid.window_sums(uneven) - chance, 0)
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
