@@ -30,7 +30,7 @@ _OF_ENERGY, _OF_NOISE = 1.5, 3.0
 _LEFT = 0.58
 # From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
 # pass the windows of the fit alike.
-_FALLS = 1.0, 0.35
+_FALLS = 1.0, 0.5
 # Noise beyond the widest window, over the last octave's: a quarter as many windows.
 _BEYOND = 0.25
 # Energy that the windows miss over that of the finest octave: of dents three fringes wide.

@@ -38,8 +38,8 @@ _ROUNDING = 0.05
 _LEAST_NODES = 30
 # Standard deviation of a phase that is published, radians: a 24th of a fringe.
 _DEVIATION = math.pi / 12
-# Amplitude over the strongest beside, below which a node is at a rim: half of it is lit.
-_FAINTER = 0.5
+# Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
+_FAINTER = 0.6
 # Rows and columns of nodes at the rim into which light from beside the surface reaches.
 _BOTH = 1, 2
 # Standard deviation of a point over its distance, beyond which it is none.
