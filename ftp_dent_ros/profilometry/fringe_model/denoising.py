@@ -22,6 +22,8 @@ _OCTAVES = 5
 _SHOWN = 2.8
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
+# Noise of pixels in the finest octave over that of one window.
+_OF_WINDOWS = 1.36
 # Part of the contrast's energy by which the noise's strays: the chance of some 15 windows.
 _CHANCE = 0.5
 # Widths of windows over which energy and noise are means: 2 and 9 windows count.
@@ -67,6 +69,7 @@ def denoise(
     phase: NDArray[np.float32],
     changes: Sequence[NDArray[np.float32]],
     mask: NDArray[np.float32],
+    posterior: NDArray[np.float32],
 ) -> Denoised:
     """Denoise a surface's phase.
 
@@ -80,8 +83,11 @@ def denoise(
         changes the latter only, ambient light the former; noise changes both.
     mask : ndarray, shape (rows, nodes), float32
         1 on the surface, else 0.
+    posterior : ndarray, shape (rows, nodes), float32
+        Variance of the phase in one window by what the fit leaves, radians^2: noise is no less.
     """
     mean = _Means(grid, mask)
+    floor = np.float32(_OF_WINDOWS) * posterior
     low, lows = phase * mask, [each * mask for each in changes]
     kept, variance, noise = (np.zeros_like(phase) for _ in range(3))
     finest, lost, octaves_lost = (np.ones_like(phase) for _ in range(3))
@@ -91,6 +97,8 @@ def denoise(
         detail = (low - smooth) * mask
         details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
         contrast, amplitude = (mean.variance(x, _OF_NOISE * width) for x in details)
+        if octave < 2:  # these pass the windows of the fit alike
+            contrast, amplitude = (np.maximum(x, floor) for x in (contrast, amplitude))
         before, noise = noise, np.minimum(np.float32(_OF_DIRT) * contrast, amplitude)  # eq. 8
         if octave:
             noise = np.minimum(noise, np.float32(_FALLS[octave > 1]) * before)

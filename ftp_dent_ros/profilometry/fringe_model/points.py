@@ -105,6 +105,7 @@ class Points:
         detail = np.maximum(grid.window_sums(uneven) - chance, 0)
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
         self._unexplained = (2 * unusual + 4 * detail) / np.square(np.maximum(amplitude, 1))
+        self._posterior = 2 * fit.scale / (np.square(amplitude) * np.float32(grid.bins_in_window))
         _, v_p = nodes.meet(self._phase)
         amplitude = amplitude / pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
@@ -138,7 +139,7 @@ class Points:
         smooth = self._nodes.phase(quadric.at(*places))
         coarse = self._phase - smooth
         inside &= self._whole
-        denoised = denoise(grid, coarse, changes, inside.astype(np.float32))
+        denoised = denoise(grid, coarse, changes, inside.astype(np.float32), self._posterior)
         variance = np.maximum(denoised.variance, 0) + self._unexplained
         certain = inside & ~rim & (variance < _DEVIATION**2)
         self.surfaces.append((smooth + denoised.phase, certain))
