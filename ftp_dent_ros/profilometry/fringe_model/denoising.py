@@ -36,7 +36,7 @@ _FALLS = 1.0, 0.5
 # Noise beyond the widest window, over the last octave's: a quarter as many windows.
 _BEYOND = 0.25
 # Energy that the windows miss over that of the finest octave: of dents three fringes wide.
-_MISSED = 0.85
+_MISSED = 0.95
 # Wavelength of which half the depth is left after the solver's rounds, fringes; each octave that
 # is left out doubles it.
 _FINEST = 1.3
