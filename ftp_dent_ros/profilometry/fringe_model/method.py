@@ -26,7 +26,7 @@ from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
-from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, lit_bins
+from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, led_to_ends, lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
@@ -219,7 +219,8 @@ class FringeModel:
             **{reason: given.surface < 0},
         )
         area = given.area
-        area = replace(area, phase=np.where(given.lit & area.lit, fit.phase, area.phase))
+        led = led_to_ends(self.grid, area.lit, given.lit, given.reference, fit.phase)
+        area = replace(area, phase=np.where(given.lit & area.lit, led, area.phase))
         confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
         coverage = replace(coverage, confirmed=confirmed)
         return points.sheets, points.stripe_depth, coverage, epipolar
