@@ -64,6 +64,28 @@ def lit_bins(
     return lit, np.where(grid.repeated(inner), phase, onwards)
 
 
+def led_to_ends(
+    grid: BinGrid,
+    lit: NDArray[np.bool_],
+    fitted: NDArray[np.bool_],
+    reference: NDArray[np.float32],
+    phase: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """A fit's phase, led on from inside where its windows see bins beyond the light's end.
+
+    Parameters
+    ----------
+    lit, fitted : ndarray of bool, shape (rows, columns)
+        Bins between the ends of the light, and those that the fit has weighed.
+    reference, phase : ndarray, shape (rows, columns)
+        Phase of smooth surfaces, and that of the fit, radians.
+    """
+    dark, whole = fitted & ~lit, lit.reshape(*grid.node_shape, grid.node).all(axis=2)
+    across = cv2.dilate(grid.at_nodes(dark.astype(np.float32)), _box(grid, _ACROSS)) > 0
+    away = Nearest(whole & ~across)(grid.at_nodes(phase - reference))
+    return np.where(grid.repeated(across), reference + grid.at_bins(away), phase)
+
+
 def beyond_steps(
     grid: BinGrid, area: LitArea, edges: NDArray[np.bool_], phase: NDArray[np.float32]
 ) -> NDArray[np.bool_]:

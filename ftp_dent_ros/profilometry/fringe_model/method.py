@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -22,13 +23,15 @@ from ftp_dent_ros.errors import (
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
-from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, lit_bins
+from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, led_to_ends, lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
-from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_panel
+from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, Pixels, Sheet
+from ftp_dent_ros.profilometry.fringe_model.points import Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
 from ftp_dent_ros.profilometry.fringe_model.solver import Solver
@@ -84,6 +87,39 @@ _UNNUMBERED = {
 }
 
 
+@dataclass(frozen=True, eq=False)
+class _Numbered:
+    """Numbered fringes, and what else is told of a photograph before they are solved.
+
+    Attributes
+    ----------
+    light, usable : ndarray, shape (rows, columns), float32
+        Light that has fringes everywhere, and what of it the panel lights and is not clipped.
+    lit : ndarray of bool, shape (rows, columns)
+        What the panel lights.
+    phase, reference : ndarray, shape (rows, columns), float32
+        Absolute, and that of smooth surfaces, radians.
+    surface : ndarray, shape (rows, nodes), int32
+        Number of the surface, -1 for none.
+    fringes, clipped : ndarray of bool, shape (rows, nodes)
+        Where a surface has fringes, and where its light is clipped.
+    lead : ndarray, shape (rows, nodes), or None
+        What paint makes of the phase, radians.
+    area : LitArea
+    """
+
+    light: NDArray[np.float32]
+    usable: NDArray[np.float32]
+    lit: NDArray[np.bool_]
+    phase: NDArray[np.float32]
+    reference: NDArray[np.float32]
+    surface: NDArray[np.int32]
+    fringes: NDArray[np.bool_]
+    clipped: NDArray[np.bool_]
+    lead: NDArray[np.float32] | None
+    area: LitArea
+
+
 class FringeModel:
     """The method for one rig and pattern, with its tables.
 
@@ -119,6 +155,11 @@ class FringeModel:
         ------
         SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
+        sheets, depth, coverage, rows = self._solved(self._numbered(photograph))
+        return Measurement(self._pixels.cloud(sheets), depth, coverage, rows)
+
+    def _numbered(self, photograph: Photograph) -> _Numbered:
+        """Fringes whose orders have the odds, and all that the solver starts from."""
         light = Light.of(photograph, self.grid, self.pattern.code == 'stripe')
         start = self._start(light)
         try:
@@ -127,37 +168,66 @@ class FringeModel:
             self._check_other_periods(photograph, start.explained)
             raise
         phase, reference, surface = self._absolute(start, orders, numbered)
-        outside = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * _TURN
+        at_nodes = self.grid.at_nodes(phase)
+        outside = np.abs(at_nodes) > _STRIPE + 2 * WIDTH * _TURN
         outside = start.fringes & (outside | (self.pattern.code == 'contrast'))
         plain = self._filled(light, start, phase, outside)
-        lit = self._lit(phase)
-        usable = light.usable * lit
-        waveform = self._waveform
-        if waveform.has_code:
-            waveform = self._blurred(plain, usable, phase, start.surface >= 0)
-        fit = self._solver.solve(plain, usable, reference, phase, waveform)
-        if len(light.colours) > 1:
-            lead = lead_of_paint(self.grid, start.colours, light.shares, outside)
-            fit = replace(fit, phase=fit.phase - self.grid.at_bins(Nearest(outside)(lead)))
+        lit = self._lit(at_nodes)
         area = self._area(light, start, numbered, phase, reference)
         if self.pattern.code == 'stripe':
-            beyond = beyond_steps(self.grid, area, start.edges, self.grid.at_nodes(phase))
+            beyond = beyond_steps(self.grid, area, start.edges, at_nodes)
             surface = np.where(beyond, -1, surface)
+        lead = None
+        if len(light.colours) > 1:
+            lead = Nearest(outside)(lead_of_paint(self.grid, start.colours, light.shares, outside))
+        clipped = self.grid.at_nodes(light.usable) < _CLIPPED
+        return _Numbered(
+            plain,
+            light.usable * lit,
+            lit,
+            phase,
+            reference,
+            surface,
+            start.surface >= 0,
+            clipped,
+            lead,
+            area,
+        )
+
+    def _solved(
+        self, given: _Numbered
+    ) -> tuple[list[Sheet], float, Coverage, EpipolarCheck | None]:
+        """Surfaces of points, the stripe's depth, what is covered, and the rows' check."""
+        usable, phase = given.usable, given.phase
+        waveform = self._waveform
+        if waveform.has_code:
+            waveform = self._blurred(given.light, usable, phase, given.fringes)
+        fit = self._solver.solve(given.light, usable, given.reference, phase, waveform)
+        if given.lead is not None:
+            fit = replace(fit, phase=fit.phase - self.grid.at_bins(given.lead))
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
-        points = Points(*geometry, self.stride, fit, usable, plain)
-        for number in orders:
-            points.add(surface == number)
+        points = Points(*geometry, fit, usable, given.light)
+        for number in range(given.surface.max() + 1):
+            points.add(given.surface == number)
         if not points.measured.any():
             raise NoStripeError(_UNLIT)
         reason = 'untied' if self.pattern.code == 'stripe' else 'unnumbered'
-        clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         coverage = Coverage.of(
-            start.surface >= 0, points.measured, clipped=clipped, **{reason: surface < 0}
+            given.fringes,
+            points.measured,
+            clipped=given.clipped,
+            **{reason: given.surface < 0},
         )
-        area = replace(area, phase=np.where(lit & area.lit, fit.phase, area.phase))
+        area = given.area
+        led = led_to_ends(self.grid, area.lit, given.lit, given.reference, fit.phase)
+        area = replace(area, phase=np.where(given.lit & area.lit, led, area.phase))
         confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
         coverage = replace(coverage, confirmed=confirmed)
-        return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
+        return points.sheets, points.stripe_depth, coverage, epipolar
+
+    @cached_property
+    def _pixels(self) -> Pixels:
+        return Pixels(self.rig, self.grid, self.stride)
 
     def _start(self, light: Light) -> Start:
         lights = light.unbroken, light.colours, light.usable
@@ -270,9 +340,8 @@ class FringeModel:
         surface = np.where(near, label, -1)
         return reference + self.grid.at_bins(away), reference, surface
 
-    def _lit(self, phase) -> NDArray[np.bool_]:
+    def _lit(self, at_nodes) -> NDArray[np.bool_]:
         """Bins that the panel lights, but for its blurred rim."""
-        at_nodes = self.grid.at_nodes(phase)
         _, v_p = self._nodes.meet(at_nodes)
         within = within_panel(self.rig, self.pattern, at_nodes, v_p)
         lit: NDArray[np.bool_] = self.grid.at_bins(within.astype(np.float32)) > RIM

@@ -7,7 +7,9 @@ steps from each fringe to the next; a surface's order is the one whose steps are
 
 from __future__ import annotations
 
+import itertools
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -41,6 +43,9 @@ _WELL_READ = 0.75
 EXPLAINED = 0.5
 #: Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
+# Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
+# window on each side of it.
+_EDGE = 3
 # Share of the nodes lit under any order that must be lit: all of them are if the pattern is right.
 _ON_PANEL = 0.9
 
@@ -225,15 +230,54 @@ def _order_of_words(each: NDArray[np.float32], best: int) -> NDArray[np.int16]:
     best : int
         Index of the whole surface's order, which other words must beat.
     """
-    size = WORD * _CELLS, WORD
-    words = [cv2.blur(e, size, borderType=cv2.BORDER_CONSTANT) for e in each - each[best]]
-    ahead = np.prod(size) * np.array(words)
+    ahead = np.array([_of_words(e) for e in each - each[best]])
     local = np.argmax(ahead, axis=0).astype(np.int16)
     local[ahead.max(axis=0) < math.log(_PART_ODDS)] = best
-    # A step belongs between its two cells. In words across an edge neither code is whole.
+    low, high = _least_and_most(local, WORD)
+    # An order that no whole word of words shows is by chance.
+    shown = np.unique(local[low == high])
+    between = _clearest(each, shown) if len(shown) > 1 else np.int16(-1)
+    local = np.where(low == high, local, between)
+    # A step belongs between its two cells.
     local = np.pad(local, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)), 'edge')
-    around = np.ones(size[::-1], np.uint8)
-    return np.where(cv2.erode(local, around) == cv2.dilate(local, around), local, -1)
+    known = local >= 0
+    low, _ = _least_and_most(np.where(known, local, np.iinfo(np.int16).max), _EDGE)
+    _, high = _least_and_most(local, _EDGE)
+    return np.where(known & (low == high), local, -1)
+
+
+def _clearest(each: NDArray[np.float32], shown: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Index of each cell's order, as the word that explains best of those that hold it has it.
+
+    In a word across an edge neither code is whole; one that ends at the edge is whole. It must
+    tell its order at the odds of a part, and leave less than those of other orders.
+    """
+    each = each[shown]
+    lags = each - each.max(axis=0)
+    least = np.full(each.shape, -np.inf, np.float32)
+    for across, down in itertools.product((0, 0.5, 1), repeat=2):
+        place = int(across * (WORD * _CELLS - 1)), int(down * (WORD - 1))
+        sums = np.array([_of_words(e, place) for e in each])
+        lag = np.array([_of_words(e, place) for e in lags])
+        second, first = np.sort(sums, axis=0)[-2:]
+        tells = (sums == first) & (first - second > math.log(_PART_ODDS))
+        np.maximum(least, np.where(tells, lag, -np.inf), out=least)
+    second, first = np.sort(least, axis=0)[-2:]
+    clear = np.isfinite(first) & (second < first - math.log(ODDS))
+    return np.where(clear, shown[np.argmax(least, axis=0)], -1).astype(np.int16)
+
+
+def _of_words(each: NDArray[np.float32], place: tuple[int, int] = (-1, -1)) -> Any:
+    """Sums of steps over the words in which each has a place, or is in the middle."""
+    size = WORD * _CELLS, WORD
+    words: Any = cv2.blur(each, size, anchor=place, borderType=cv2.BORDER_CONSTANT)
+    return np.prod(size) * words
+
+
+def _least_and_most(local: NDArray[np.int16], fringes: int) -> tuple[Any, Any]:
+    """The least and the largest index within words of so many fringes."""
+    around = np.ones((fringes, fringes * _CELLS), np.uint8)
+    return cv2.erode(local, around), cv2.dilate(local, around)
 
 
 def _steps(values: NDArray) -> NDArray:

@@ -1,4 +1,4 @@
-"""From the fit to points: the phase of each surface denoised, and met with the camera's rays."""
+"""From the fit to surfaces of points: the phase of each denoised, and where it ends."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     BinGrid,
@@ -18,9 +17,10 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
+from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry, rays_at
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
 
 # Mean square of the residual about a bin over its scale, beyond which its light is not explained
@@ -42,25 +42,17 @@ _DEVIATION = math.pi / 12
 _FAINTER = 0.6
 # Rows and columns of nodes at the rim into which light from beside the surface reaches.
 _BOTH = 1, 2
-# Standard deviation of a point over its distance, beyond which it is none.
-_FAR = 0.1
 # Fringes from a surface on where the light is another's.
 _FAR_OFF = 1.0
-# Share of the light that is there at the rim, which the lens blurs.
-_SHARE = 0.8
-# Projector pixels at the panel's rim that the lens blurs.
-RIM = 1.5
 
 
 class Points:
-    """The cloud of one photograph, to which surfaces are added.
+    """The points of one photograph, to which surfaces are added.
 
     Parameters
     ----------
     rig, pattern, grid, bins, nodes
         As of the method; `bins` and `nodes` are the grid's rays.
-    stride : int
-        The cloud has every `stride`-th pixel.
     fit : FringeFit
     usable : ndarray, shape (rows, columns)
         Share of the bins that is not clipped, 0 to 1.
@@ -75,14 +67,13 @@ class Points:
         grid: BinGrid,
         bins: PhaseGeometry,
         nodes: PhaseGeometry,
-        stride: int,
         fit: FringeFit,
         usable: NDArray[np.float32],
         light: NDArray[np.float32],
     ) -> None:
         self._light = light
         self._rig, self._pattern, self._grid = rig, pattern, grid
-        self._bins, self._nodes, self._stride, self._fit = bins, nodes, stride, fit
+        self._bins, self._nodes, self._fit = bins, nodes, fit
         self._phase = grid.at_nodes(fit.phase)
         level, amplitude = (np.maximum(grid.at_nodes(x), 0.5) for x in (fit.level, fit.amplitude))
         self._amplitude = amplitude
@@ -109,12 +100,7 @@ class Points:
         _, v_p = nodes.meet(self._phase)
         amplitude = amplitude / pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
-        columns, rows = (np.arange(0, n, stride) for n in (grid.width, grid.height))
-        self._pixels, self._rays = (columns, rows), rays_at(rig.camera, columns, rows)
-        shape = self._rays.shape[:2]
-        unknown = (np.full(shape, np.nan, np.float32) for _ in range(2))
-        points = np.full((*shape, 3), np.nan, np.float32)
-        self.cloud = Cloud(points, np.zeros(shape, np.float32), *unknown)
+        self.sheets: list[Sheet] = []
         self.measured = np.zeros(grid.node_shape, bool)
         #: Phase of each surface at the nodes, and where it is certain, on the panel or beyond.
         self.surfaces: list[tuple[NDArray[np.float32], NDArray[np.bool_]]] = []
@@ -155,10 +141,10 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        self._publish(inside, certain, quadric, phase, at_nodes, variance, denoised.wavelength)
+        self._keep(inside, certain, quadric, phase, at_nodes, variance, denoised.wavelength)
 
-    def _publish(self, inside, certain, quadric, phase, at_nodes, variance, wavelength) -> None:
-        """Put what is certain enough, and lit by the panel, into the cloud."""
+    def _keep(self, inside, certain, quadric, phase, at_nodes, variance, wavelength) -> None:
+        """Keep what is certain enough, and lit by the panel."""
         grid = self._grid
         sure, share, good = self._ends(inside, certain)
         inverse, _ = self._bins.meet(phase)
@@ -170,25 +156,20 @@ class Points:
         stripe = own & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else own])
         away = Nearest(own)((inverse - quadric.at(*grid.bin_places)).astype(np.float32))
-        away = self._at_pixels(deconvolved(away, grid.step, grid.rows))
-        z = 1 / (quadric.at(*grid.places(*self._pixels)) + away)
         led_on = Nearest(certain)
-        sigma = self._nodes.deviation(at_nodes, led_on(variance))
-        sigma = self._at_pixels(sigma)
-        on = (self._at_pixels(good, cv2.INTER_NEAREST) > 0) & (z > 0) & (sigma < _FAR * z)
-        on &= self._at_pixels(rim) > RIM
-        on &= (self._at_pixels(sure, cv2.INTER_NEAREST) > 0) | (self._at_pixels(share) > _SHARE)
-        x, y = self._rays[..., 0], self._rays[..., 1]
-        wavelength = self._at_pixels(led_on(wavelength)) * np.float32(grid.period)
-        focal_length = np.float32(self._rig.camera.camera_matrix[0, 0])
-        cloud = self.cloud
-        for field, values in (
-            *((cloud.points[..., i], each) for i, each in enumerate((x * z, y * z, z))),
-            (cloud.intensity, self._at_pixels(self._amplitude)),
-            (cloud.sigma, sigma),
-            (cloud.resolution, wavelength * z / focal_length),
-        ):
-            np.copyto(field, values, where=on)
+        self.sheets.append(
+            Sheet(
+                quadric,
+                deconvolved(away, grid.step, grid.rows),
+                self._nodes.deviation(at_nodes, led_on(variance)),
+                led_on(wavelength),
+                self._amplitude,
+                share,
+                sure,
+                good,
+                rim.astype(np.float32),
+            )
+        )
 
     def _ends(self, inside, certain):
         """Nodes inside a surface, the share of its light (eq. 11), and nodes that may have points.
@@ -203,7 +184,7 @@ class Points:
         at_end = _dilated(~near, *(2 * n + 1 for n in reach)) & ~others
         share = self._share(near, inner)
         sure = inner | (certain & ~at_end)
-        lit = near & at_end & (share > _SHARE) & (self._seen > _SEEN)
+        lit = near & at_end & (share > SHARE) & (self._seen > _SEEN)
         return sure, share, sure | lit
 
     def _share(self, near, inner: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -220,20 +201,6 @@ class Points:
         here = grid.at_nodes((self._light - beyond) * np.sign(surface))
         share = here / np.maximum(grid.at_nodes(np.abs(surface)), 1)
         return np.minimum(share, 1 / np.maximum(share, np.float32(1e-3)))  # more is another's
-
-    def _at_pixels(self, values, how=cv2.INTER_LINEAR):
-        """Values of the bins or of the nodes at the cloud's pixels."""
-        grid, (columns, rows) = self._grid, self._pixels
-        wide = grid.step if values.shape == grid.shape else grid.step * grid.node
-        scale = np.array([[self._stride / wide, 0, 0], [0, self._stride / grid.rows, 0]])
-        scale[:, 2] = 0.5 / wide - 0.5, 0.5 / grid.rows - 0.5  # of the first pixel
-        return cv2.warpAffine(
-            values.astype(np.float32),
-            scale,
-            (len(columns), len(rows)),
-            flags=how | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
 
 
 def _around(nodes: NDArray[np.float32]) -> NDArray[Any]:
