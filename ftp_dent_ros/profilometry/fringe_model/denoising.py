@@ -33,8 +33,8 @@ _LEFT = 0.58
 # From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
 # pass the windows of the fit alike.
 _FALLS = 1.0, 0.5
-# Noise beyond the widest window, over the last octave's: a quarter as many windows.
-_BEYOND = 0.25
+# Noise beyond the widest window over the last octave's: a quarter, and a quarter of that, and on.
+_BEYOND = 0.33
 # Energy that the windows miss over that of the finest octave: of dents three fringes wide.
 _MISSED = 0.95
 # Wavelength of which half the depth is left after the solver's rounds, fringes; each octave that
