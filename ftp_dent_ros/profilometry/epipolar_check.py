@@ -56,7 +56,7 @@ class EpipolarCheck:
     places : int
         Blocks of the panel.
     strength, strength_deviation : float
-        Depth of the contrast's waves along v over that of the pattern that is told.
+        Depth of the contrast's waves along v over that of the given pattern.
     depth_error : float
         What a pitch and roll as they seem do to the cloud, root mean square, metres.
     blind_depth_error : float
@@ -147,7 +147,7 @@ def check_epipolar(
             break
         trusted = held.astype(float)
     noise = np.square(weight * away.imag).sum() / weight.sum() ** 2
-    told = _told_amplitude(pattern, window)
+    given = _given_amplitude(pattern, window)
     deviation = np.sqrt(np.diag(_covariance(terms, rest, weight, inverse, blocks.place)))
     at_axis = found[0] - found[1] * (middle[0] - rig.projector.camera_matrix[0, 2])
     shift, turned, stretch = (float(each) for each in found)
@@ -163,14 +163,14 @@ def check_epipolar(
         reach=reach,
         height=height,
         places=int(np.count_nonzero(weight)),
-        strength=amplitude / told,
-        strength_deviation=math.sqrt(noise) / told,
+        strength=amplitude / given,
+        strength_deviation=math.sqrt(noise) / given,
         depth_error=depth_error,
         blind_depth_error=blind,
     )
 
 
-def _told_amplitude(pattern: Pattern, window: float) -> float:
+def _given_amplitude(pattern: Pattern, window: float) -> float:
     """Amplitude of the logarithm of the contrast along v, as far as the windows leave it."""
     half = pattern.row_depth / 2
     angle = 2 * math.pi * window / pattern.row_period_px
@@ -225,8 +225,8 @@ def _depth_errors(rig: Rig, blocks: Blocks, shift: float, turn: float) -> tuple[
         columns = blocks.u[None].astype(np.float32)
         return triangulate(true, rays[None].astype(np.float32), columns)[0]
 
-    told = depth(0.0, 0.0, 0.0)
-    errors = (told - depth(pitch, 0.0, roll), told - depth(0.0, math.hypot(pitch, roll), 0.0))
+    given = depth(0.0, 0.0, 0.0)
+    errors = (given - depth(pitch, 0.0, roll), given - depth(0.0, math.hypot(pitch, roll), 0.0))
     met = np.isfinite(errors[0]) & np.isfinite(errors[1])
     if not met.any():
         return math.nan, math.nan

@@ -82,13 +82,13 @@ class RimLine:
 
 @dataclass(frozen=True, eq=False)
 class LitArea:
-    """Where a photograph has fringes, and which, under the pattern that is told.
+    """Where a photograph has fringes, and which, under the given pattern.
 
     Attributes
     ----------
     rig : Rig
     pattern : Pattern
-        As told.
+        As given.
     rays : ndarray, shape (rows, columns, 2 or 3), float32
         The camera's undistorted rays, z = 1, through the pixels at which it is known, all over
         the image.

@@ -39,13 +39,13 @@ def check_upright(area: LitArea, off: float) -> None:
     flat = np.flatnonzero(area.lit)
     row, column = np.divmod(flat[:: max(1, len(flat) // _POINTS)], area.lit.shape[1])
     u_p = area.u_p(row, column)
-    told = _off_quadric(area, area.rays[row, column, :2], u_p)
-    if not told > off:
+    seen = _off_quadric(area, area.rays[row, column, :2], u_p)
+    if not seen > off:
         return
     mirrored = 2 * area.pattern.stripe_center_px - u_p
-    if told > _TIMES * _off_quadric(area, area.rays[row, -1 - column, :2], mirrored):
+    if seen > _TIMES * _off_quadric(area, area.rays[row, -1 - column, :2], mirrored):
         raise OtherPatternError(
-            f'the surface would be off any smooth shape by {told:.2%} of its distance, and would '
+            f'the surface would be off any smooth shape by {seen:.2%} of its distance, and would '
             'be a smooth skin if the photograph were mirrored: do not mirror or turn the '
             'photograph, and give the rig that it is taken with (rig.yaml)'
         )

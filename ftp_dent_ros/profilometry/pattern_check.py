@@ -1,9 +1,9 @@
-"""Whether the fringes seen can be those of the pattern told.
+"""Whether the fringes seen can be those of the given pattern.
 
 Vertical fringes give three equations for the three unknowns of each point, so that a wrong period
 looks like a tilted surface, and a wrong stripe like another distance. The rim of the projector's
 frame does not: light ends there, whatever it falls on. A surface may end before the rim of the
-frame that is told, but never beyond it, and where what ends inside is the rim of a frame of
+given frame, but never beyond it, and where what ends inside is the rim of a frame of
 another period, its other sides are where that period has them.
 
 The code of coded fringes begins with the frame's first one, whatever the period, so that the
@@ -32,7 +32,7 @@ _RISE, ASKEW = 3.0, 8.0
 # Of how far inside the rim the light's end is seen: blur hides that much, and not the same at
 # both ends.
 _UNEVEN = 0.5
-# Of periods: no surface looks as if it were more than so many times the one told.
+# Of periods: no surface looks as if it were more than so many times the given one.
 _LARGEST_RATIO = 2.0
 # Degrees by which a surface must face camera and projector the better for a period to be
 # believed, and from which on no skin is looked at.
@@ -44,7 +44,7 @@ ADVICE = 'give the pattern that is projected (pattern.yaml) and the rig that it 
 
 
 def check_pattern(area: LitArea) -> bool:
-    """Raise the reason if the fringes cannot be those of the pattern that is told.
+    """Raise the reason if the fringes cannot be those of the given pattern.
 
     Returns
     -------
@@ -64,18 +64,18 @@ def check_pattern(area: LitArea) -> bool:
         beyond = -min(sides.values())
         raise OtherPatternError(
             f'the fringes go on {beyond:.1f} fringes beyond the rim of the frame that '
-            f'{told(area.pattern)} has; {_seen(area, sides)}: {ADVICE}'
+            f'{described(area.pattern)} has; {_seen(area, sides)}: {ADVICE}'
         )
     period = _inside(area, sides)
     if period is not None:
         raise OtherPatternError(
             f'the fringes end at the rims of a frame with a period of {period:.2f} px (as seen), '
-            f'but {told(area.pattern)} is told: {ADVICE}'
+            f'but {described(area.pattern)} is given: {ADVICE}'
         )
     if _askew(area):
         raise OtherPatternError(
-            f"with {told(area.pattern)} the light would end beyond the frame's upper or lower "
-            f'rim, and askew to it: do not mirror or turn the photograph, and {ADVICE}'
+            f"with {described(area.pattern)} the light would end beyond the frame's upper or "
+            f'lower rim, and askew to it: do not mirror or turn the photograph, and {ADVICE}'
         )
     if area.tilt(area.pattern.period_px) > _STEEPEST:
         raise too_steep(area)
@@ -86,13 +86,13 @@ def too_steep(area: LitArea) -> OtherPatternError:
     """What is said of a surface that would be too steep for its fringes to be seen so."""
     tilt = area.tilt(area.pattern.period_px)
     return OtherPatternError(
-        f'with {told(area.pattern)} the surface would be tilted by {tilt:.0f} degrees; '
+        f'with {described(area.pattern)} the surface would be tilted by {tilt:.0f} degrees; '
         f'fringes of {_facing(area):.1f} px would face camera and projector: {ADVICE}'
     )
 
 
 def other_frame(area: LitArea) -> Pattern | None:
-    """The coded pattern at whose last rim the light ends, if that is not the one told.
+    """The coded pattern at whose last rim the light ends, if that is not the given one.
 
     A skin may end there as well: the rows tell (`check_rows`).
     """
@@ -108,7 +108,7 @@ def other_frame(area: LitArea) -> Pattern | None:
 def other_code(pattern: Pattern) -> OtherPatternError:
     """What is said where the fringes show another code than the pattern's."""
     return OtherPatternError(
-        f'the code of the fringes is of another pattern than one of {told(pattern)}: '
+        f'the code of the fringes is of another pattern than one of {described(pattern)}: '
         f'do not mirror or turn the photograph, and {ADVICE}'
     )
 
@@ -122,7 +122,7 @@ def _in_place(pattern: Pattern, sides: dict[bool, float]) -> bool:
 
 
 def _inside(area: LitArea, sides: dict[bool, float]) -> float | None:
-    """Period of the frame at whose rims the light ends, if that is not the one told."""
+    """Period of the frame at whose rims the light ends, if that is not the given one."""
     pattern = area.pattern
     if not sides or any(abs(away) < _LOOSE for away in sides.values()):
         return None
@@ -185,7 +185,7 @@ def _frame_of_code(
     return period, -0.5 - first * period
 
 
-def told(pattern: Pattern) -> str:
+def described(pattern: Pattern) -> str:
     """Period and zero of a pattern, in words."""
     zero = f'{_zero(pattern)} at {pattern.stripe_center_px:g}'
     return f'a period of {pattern.period_px:g} px with {zero}'

@@ -1,15 +1,15 @@
-"""Whether the projector's rows can be those of the pattern told."""
+"""Whether the projector's rows can be those of the given pattern."""
 
 from __future__ import annotations
 
 from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
-from ftp_dent_ros.profilometry.pattern_check import ADVICE, ASKEW, told
+from ftp_dent_ros.profilometry.pattern_check import ADVICE, ASKEW, described
 from ftp_dent_ros.profilometry.rig_alarm import TOLERANCE
 
 # Part of the rows' waves below which they are not there, and by which rows are scaled: a period
-# told 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
+# given 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
 _FAINT, _STRETCHED, _SURE = 0.3, 0.004, 6.0
 # Sum of squares over variances from which on rows are off; and the share of it that the true
 # pattern leaves.
@@ -22,7 +22,7 @@ def check_rows(
     other: Pattern | None = None,
     under_other: EpipolarCheck | None = None,
 ) -> None:
-    """Raise the reason if the rows of the projector cannot be those of the pattern told.
+    """Raise the reason if the rows of the projector cannot be those of the given pattern.
 
     Parameters
     ----------
@@ -35,14 +35,14 @@ def check_rows(
     Raises
     ------
     OtherPatternError
-        The contrast does not change along the fringes as told; or it does, but in another
+        The contrast does not change along the fringes as given; or it does, but in another
         scale, or far beside the epipolar lines; or off them as under the other pattern it is not.
     """
     most = found.strength + _SURE * found.strength_deviation
     if most < _FAINT:
         raise OtherPatternError(
             f'along the fringes the contrast does not change every {pattern.row_period_px:g} px '
-            f'as the pattern that is told has it (row_depth, row_period_px): {ADVICE}'
+            f'as the given pattern has it (row_depth, row_period_px): {ADVICE}'
         )
     if not found.seen:
         return
@@ -52,7 +52,7 @@ def check_rows(
             raise OtherPatternError(
                 f'the fringes end, and their rows lie, as in a frame with a period of '
                 f'{other.period_px:.2f} px and a crest at {other.stripe_center_px:.0f} (as seen), '
-                f'but {told(pattern)} is told: {ADVICE}'
+                f'but {described(pattern)} is given: {ADVICE}'
             )
     if abs(found.stretch) > max(_STRETCHED, _SURE * found.stretch_deviation):
         raise OtherPatternError(

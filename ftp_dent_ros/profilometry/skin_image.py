@@ -36,8 +36,8 @@ _OWN, _HALF = 0.5, 0.1
 _STRIPE = np.pi + 0.9
 # Of the stripe's surroundings, fringes.
 _BESIDE = 3
-# Determinant of the normal equations by that of whole fringes, from which on both are told.
-_LEAST_TOLD = 0.2
+# Determinant of the normal equations by that of whole fringes, from which on both are known.
+_LEAST_KNOWN = 0.2
 # Modulation over level can be no more; and the least share of a window that is measured.
 _WHOLE, _LEAST_SHARE = 1.0, 0.05
 # Variances of the blur between which the one that is seen is looked for, radians^2 of phase; rows
@@ -180,10 +180,10 @@ def _contrast(
     sums = (share, share * cosine, share * cosine * cosine, weighted, weighted * cosine)
     n, c, cc, s, sc = (_blurred(each, along_u, along_v) for each in sums)
     determinant = n * cc - c * c
-    told = determinant > _LEAST_TOLD / 2 * n * n
-    safe = np.where(told, determinant, 1)
-    level = np.where(told, (s * cc - sc * c) / safe, s / np.maximum(n, _LEAST_SHARE))
-    modulation = np.where(told, (sc * n - s * c) / safe, 0)
+    known = determinant > _LEAST_KNOWN / 2 * n * n
+    safe = np.where(known, determinant, 1)
+    level = np.where(known, (s * cc - sc * c) / safe, s / np.maximum(n, _LEAST_SHARE))
+    modulation = np.where(known, (sc * n - s * c) / safe, 0)
     return level, np.clip(modulation / np.maximum(level, _LEAST), 0, _WHOLE)
 
 

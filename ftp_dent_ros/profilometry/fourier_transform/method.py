@@ -123,7 +123,7 @@ class FourierTransform:
         return fringes
 
     def _check_pattern(self, window: Window, phase: NDArray, valid: NDArray[np.bool_]) -> bool:
-        """Raise if the fringes cannot be those of the pattern told; whether no other's."""
+        """Raise if the fringes cannot be those of the given pattern; whether no other's."""
         shape = self._rays.shape[:2]
         whole, lit = np.zeros(shape, np.float32), np.zeros(shape, bool)
         whole[window.rows, window.columns], lit[window.rows, window.columns] = phase, valid

@@ -57,7 +57,7 @@ _BEYOND = 1.5
 _SMOOTH, _OFF = 0.5, 1.0
 # Fringes that the strip is high which shows the code's blur first.
 _STRIP = 10.0
-# Periods over the one told whose fringes planes come near to, where those of none told are seen.
+# Periods over the given one, whose fringes planes come near to.
 _RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
@@ -89,7 +89,7 @@ _UNNUMBERED = {
 
 @dataclass(frozen=True, eq=False)
 class _Numbered:
-    """Numbered fringes, and what else is told of a photograph before they are solved.
+    """Numbered fringes, and what else is known of a photograph before they are solved.
 
     Attributes
     ----------
