@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 from functools import cached_property
 
 import cv2
@@ -183,7 +184,7 @@ class FringeModel:
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         return _Numbered(
             plain,
-            light.usable * lit,
+            light.usable * lit * self._within_ends(area, numbered >= 0),
             lit,
             phase,
             reference,
@@ -237,6 +238,11 @@ class FringeModel:
         """Where the light ends, and the phase, by the first fit: whatever the panel's rims are."""
         lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
         return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
+
+    def _within_ends(self, area: LitArea, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Bins between the ends of the light, or with whole windows on numbered surfaces."""
+        whole: Any = cv2.erode(known.view(np.uint8), np.ones((5, 5), np.uint8))
+        return area.lit | (self.grid.repeated(whole) > 0)
 
     def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
         """Raise `OtherPatternError` if planes of another period come nearer to the fringes.
