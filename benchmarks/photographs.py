@@ -11,8 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from ground_truth import GroundTruth, ground_truth
+from numpy.typing import NDArray
 
 from ftp_dent_ros.evaluation.scenes import (
     DYNAMIC_RIG,
@@ -72,6 +74,8 @@ _STEEPEST = 1 / 12
 _PHASE_NOISE = 0.6
 
 Random = np.random.Generator
+# What becomes of a drawn pattern before it leaves the projector.
+Optics = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,7 @@ class Scene:
     photometry: Photometry
     pattern: Pattern = PATTERN
     motion: CameraMotion = field(default_factory=CameraMotion)
+    optics: Optics | None = None
 
     @property
     def surface(self) -> Surface:
@@ -99,7 +104,9 @@ class Scene:
 
     def renderer(self) -> Renderer:
         """Of its rig, pattern and light."""
-        return Renderer(self.rig, self.pattern.draw(), self.photometry)
+        drawn = self.pattern.draw()
+        projected = self.optics(drawn) if self.optics else drawn
+        return Renderer(self.rig, projected, self.photometry)
 
     def photograph(self, rng: Random) -> Photograph:
         """What the camera takes."""
@@ -338,6 +345,30 @@ def all_at_once(rng: Random) -> Scene:
     return scene(panel, motion=motion, ambient=0.5, exposure=0.66, read_noise=1.5, **sensor)
 
 
+def overdriven(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Fringes cut off above and below: their third harmonic is a fifth of them."""
+    return np.rint(np.clip(127 + 2.2 * (image - 127.0), 0, 254)).astype(np.uint8)
+
+
+def smeared(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A tail to one side, which grows from no light to all of it from corner to corner.
+
+    The tail falls so that fringes of `PATTERN` lose contrast, but stay in their places.
+    """
+    decay = 0.5 / math.cos(2 * math.pi / PATTERN.period_px)
+    tail = (1 - decay) * decay ** np.arange(16)[None]
+    smear = cv2.filter2D(image, cv2.CV_64F, tail, anchor=(1, 0), borderType=cv2.BORDER_CONSTANT)
+    height, width, _ = image.shape
+    share = np.add.outer(np.linspace(0, 0.5, height), np.linspace(0, 0.5, width))[..., None]
+    return np.rint((1 - share) * image + share * smear).astype(np.uint8)
+
+
+def projected_by(optics: Optics, period: float = PATTERN.period_px, **light) -> Kind:
+    """Clean skin in the light of a projector that changes the pattern."""
+    pattern = replace(PATTERN, period_px=period)
+    return lambda rng: replace(scene(skin(rng), **light), optics=optics, pattern=pattern)
+
+
 KINDS: dict[str, Kind] = {
     'clean': seen_by(),
     'curved, glossy': curved,
@@ -364,6 +395,9 @@ KINDS: dict[str, Kind] = {
     'raw': seen_by(encoding='bayer_rggb12'),
     'grey': seen_by(encoding='mono8'),
     'all at once': all_at_once,
+    'nearly binary': projected_by(overdriven, 32.0),
+    'skew blur': projected_by(smeared, defocus_px=1.5),
+    '3 grey levels': seen_by(ambient=8.5, exposure=0.045),
 }
 
 Family = Callable[[Random], tuple[Dent, ...]]
