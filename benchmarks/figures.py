@@ -34,7 +34,7 @@ from given_photographs import SHARED, given
 from given_photographs import names as given_names
 from measures import CHOSEN, Figures, photographed
 from page import page
-from photographs import KINDS, PAPER, SHAPES
+from photographs import KINDS, PAPER, PRINTS, SHAPES
 from sizes import sizes
 from speeds import speeds
 from surveys import comparison, pairs, strip
@@ -80,6 +80,7 @@ GROUPS = {
         ('clean', 'dirt of 25 %', 'lap across', 'sun edge'),
         3,
     ),
+    'prints': Group(partial(photographed, PRINTS), tuple(PRINTS), 4),
     'dents': Group(partial(photographed, SHAPES), tuple(SHAPES), 6, ('gaussian',), 4),
 }
 

@@ -57,6 +57,7 @@ from ftp_dent_ros.simulation.dents import (
     Shape,
     Valley,
 )
+from ftp_dent_ros.simulation.paint import Print, letters_of
 
 CAMERA = 1280, 720, 1700.0
 PATTERN = Pattern(1280, 720, 10.0, 640.0)
@@ -369,6 +370,20 @@ def projected_by(optics: Optics, period: float = PATTERN.period_px, **light) -> 
     return lambda rng: replace(scene(skin(rng), **light), optics=optics, pattern=pattern)
 
 
+def printed(ink: NDArray[np.bool_], least: float, most: float, period: float) -> Kind:
+    """A tilted board full of copies of an image, its pixels `least` to `most` of the camera's."""
+
+    def kind(rng: Random) -> Scene:
+        pixel = float(rng.uniform(least, most)) * 0.8 / CAMERA[2]
+        copies = np.ceil([0.5 / pixel, 0.8 / pixel] / np.array(ink.shape)).astype(int)
+        x, y = rng.uniform((-0.4, -0.25), (-0.35, -0.2)).tolist()
+        paint = Print((0.9,) * 3, albedo_beyond=(0.1,) * 3, pixel=pixel, origin=(x, y))
+        board = skin(rng, spread=12.0, dents=(), paint=replace(paint, ink=np.tile(ink, copies)))
+        return replace(scene(board), pattern=replace(PATTERN, period_px=period))
+
+    return kind
+
+
 KINDS: dict[str, Kind] = {
     'clean': seen_by(),
     'curved, glossy': curved,
@@ -399,6 +414,14 @@ KINDS: dict[str, Kind] = {
     'skew blur': projected_by(smeared, defocus_px=1.5),
     '3 grey levels': seen_by(ambient=8.5, exposure=0.045),
 }
+
+_SQUARES = np.eye(2, dtype=bool)
+# 50 pixels a letter's height.
+_LETTERS = letters_of('NO STEP 017 ')[::4, ::4] > 0.5
+PRINTS: dict[str, Kind] = {}
+for _period in (9.0, 16.0, 32.0, 64.0, 130.0):
+    PRINTS[f'squares, {_period:g} px'] = printed(_SQUARES, 65, 100, _period)
+    PRINTS[f'letters, {_period:g} px'] = printed(_LETTERS, _period / 50, _period / 50, _period)
 
 Family = Callable[[Random], tuple[Dent, ...]]
 
