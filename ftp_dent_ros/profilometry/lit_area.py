@@ -16,8 +16,10 @@ from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.robust import median
 
-# Fringes within which the ends of rows lie on one column, and the share of the rows that must.
-_PARALLEL, _SHARE = 0.15, 0.25
+#: Fringes within which the ends of rows lie on one column.
+PARALLEL = 0.15
+# Share of the rows that must.
+_SHARE = 0.25
 # Fringes beside the image's border within which an end is the image's.
 _BORDER = 2.5
 # Projector pixels by which the ends of columns scatter about a line; fits of it, each without
@@ -80,13 +82,13 @@ class RimLine:
 
 @dataclass(frozen=True, eq=False)
 class LitArea:
-    """Where a photograph has fringes, and which, under the pattern that is told.
+    """Where a photograph has fringes, and which, under the given pattern.
 
     Attributes
     ----------
     rig : Rig
     pattern : Pattern
-        As told.
+        As given.
     rays : ndarray, shape (rows, columns, 2 or 3), float32
         The camera's undistorted rays, z = 1, through the pixels at which it is known, all over
         the image.
@@ -124,12 +126,17 @@ class LitArea:
         depth, v_p = triangulate(self.rig, rays, u_p)
         return (rays * depth[..., None])[0].astype(float), v_p[0].astype(float)
 
-    @cached_property
+    @property
     def sides(self) -> dict[bool, float]:
         """Fringes from the frame's rim at which most rows end, True for that of its last column.
 
         A side at which the rows do not end on one column is left out.
         """
+        return {last: away for last, (away, _) in self.columns.items()}
+
+    @cached_property
+    def columns(self) -> dict[bool, tuple[float, float]]:
+        """As `sides`, and the share of the rows that end there."""
         found = {}
         row = np.flatnonzero(self.lit[::_EVERY].any(axis=1)) * _EVERY
         lit, count, fringe = self.lit[row], self.lit.shape[1], self.pattern.period_px
@@ -146,10 +153,11 @@ class LitArea:
             u_p = u_p - step / (2 * width)  # the light ends where its last bin does
             away = (self.pattern.width - 0.5 - u_p if last else u_p + 0.5)[far] / fringe
             away = np.sort(away)
-            held = np.searchsorted(away, away + 2 * _PARALLEL) - np.arange(len(away))
+            held = np.searchsorted(away, away + 2 * PARALLEL) - np.arange(len(away))
             best = int(held.argmax())
             if held[best] >= max(_SHARE * self.lit.shape[0] / _EVERY, _LEAST):
-                found[last] = median(away[best : best + held[best]]) - self.short
+                on_column = away[best : best + held[best]]
+                found[last] = median(on_column) - self.short, len(on_column) / len(away)
         return found
 
     def upper_and_lower(self, period: float) -> dict[str, RimLine]:

@@ -1,4 +1,4 @@
-"""Whether the projector's rows can be those of the pattern told."""
+"""Whether the projector's rows can be those of the given pattern."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ftp_dent_ros.profilometry.pattern_check import ADVICE, ASKEW, told
 from ftp_dent_ros.profilometry.rig_alarm import TOLERANCE
 
 # Part of the rows' waves below which they are not there, and by which rows are scaled: a period
-# told 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
+# given 4 % off, or half a degree of yaw. Standard uncertainties from which on that is sure.
 _FAINT, _STRETCHED, _SURE = 0.3, 0.004, 6.0
 # Sum of squares over variances from which on rows are off; and the share of it that the true
 # pattern leaves.
@@ -22,7 +22,7 @@ def check_rows(
     other: Pattern | None = None,
     under_other: EpipolarCheck | None = None,
 ) -> None:
-    """Raise the reason if the rows of the projector cannot be those of the pattern told.
+    """Raise the reason if the rows of the projector cannot be those of the given pattern.
 
     Parameters
     ----------
@@ -35,24 +35,24 @@ def check_rows(
     Raises
     ------
     OtherPatternError
-        The contrast does not change along the fringes as told; or it does, but in another
+        The contrast does not change along the fringes as given; or it does, but in another
         scale, or far beside the epipolar lines; or off them as under the other pattern it is not.
     """
     most = found.strength + _SURE * found.strength_deviation
     if most < _FAINT:
         raise OtherPatternError(
             f'along the fringes the contrast does not change every {pattern.row_period_px:g} px '
-            f'as the pattern that is told has it (row_depth, row_period_px): {ADVICE}'
+            f'as the given pattern has it (row_depth, row_period_px): {ADVICE}'
         )
     if not found.seen:
         return
     if other is not None and under_other is not None and under_other.seen:
-        off = _off(found)
-        if off > _OFF and _off(under_other) < _LEFT * off:
+        off, left = (_off(each, found) for each in (found, under_other))
+        if off > _OFF and left < _LEFT * off:
             raise OtherPatternError(
                 f'the fringes end, and their rows lie, as in a frame with a period of '
                 f'{other.period_px:.2f} px and a crest at {other.stripe_center_px:.0f} (as seen), '
-                f'but {told(pattern)} is told: {ADVICE}'
+                f'but {told(pattern)} is given: {ADVICE}'
             )
     if abs(found.stretch) > max(_STRETCHED, _SURE * found.stretch_deviation):
         raise OtherPatternError(
@@ -67,13 +67,16 @@ def check_rows(
         )
 
 
-def _off(found: EpipolarCheck) -> float:
-    """How far shift, turn and stretch are off: the sum of their squares over their variances."""
+def _off(check: EpipolarCheck, certain: EpipolarCheck) -> float:
+    """How far shift, turn and stretch are off: the sum of their squares over variances.
+
+    The variances are those of `certain`: what is less certain lies no better.
+    """
     return sum(
-        (scale * value) ** 2 / ((scale * deviation) ** 2 + TOLERANCE**2)
-        for value, deviation, scale in (
-            (found.shift, found.shift_deviation, 1.0),
-            (found.turn, found.turn_deviation, found.reach),
-            (found.stretch, found.stretch_deviation, found.height),
+        (scale * value) ** 2 / ((of * deviation) ** 2 + TOLERANCE**2)
+        for value, deviation, scale, of in (
+            (check.shift, certain.shift_deviation, 1.0, 1.0),
+            (check.turn, certain.turn_deviation, check.reach, certain.reach),
+            (check.stretch, certain.stretch_deviation, check.height, certain.height),
         )
     )

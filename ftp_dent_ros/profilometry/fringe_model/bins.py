@@ -198,6 +198,12 @@ class Nearest:
         return values if self._index is None else values.ravel()[self._index]
 
 
+def wider_than_windows(nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Without strips that are thinner than a window: those are the rim of what is beside them."""
+    wide: Any = cv2.morphologyEx(nodes.view(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return wide > 0
+
+
 def _gaussian(values: Any, sigma_u: float, sigma_v: float) -> Any:
     """Gaussian, beyond whose values there is nothing."""
     return cv2.GaussianBlur(

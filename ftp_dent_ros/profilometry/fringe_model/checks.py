@@ -19,8 +19,6 @@ from ftp_dent_ros.profilometry.projector_rows import Rows
 from ftp_dent_ros.profilometry.rows_check import check_rows
 from ftp_dent_ros.rig.rig import Rig
 
-# Share of a node's bins that must be measured where rows are read.
-_ALL = 0.99
 # Share of the distance that a smooth skin is off its quadric by noise, at most.
 _OFF = 2e-4
 
@@ -37,8 +35,8 @@ def check_surfaces(
     area : LitArea
     grid : BinGrid
     fit : FringeFit
-    found : sequence of (ndarray, ndarray), shape (rows, columns)
-        Phase of each surface at the bins, and where it is measured.
+    found : sequence of (ndarray, ndarray), shape (rows, nodes)
+        Phase of each surface at the nodes, and where it is measured.
 
     Returns
     -------
@@ -76,9 +74,6 @@ def _rows(
     contrast = grid.at_nodes(fit.amplitude) / np.maximum(grid.at_nodes(fit.level), 1)
     rows = []
     for phase, measured in found:
-        at_nodes = grid.at_nodes(phase)
-        seen = grid.at_nodes(measured.astype(np.float32)) > _ALL
-        rows.append(
-            Rows(pattern.column(at_nodes), nodes.meet(at_nodes)[1], contrast, seen, nodes.rays)
-        )
+        _, v_p = nodes.meet(phase)
+        rows.append(Rows(pattern.column(phase), v_p, contrast, measured, nodes.rays))
     return rows

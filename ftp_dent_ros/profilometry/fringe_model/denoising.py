@@ -17,19 +17,26 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
 _OCTAVES = 5
-# Energy over noise that shows the skin's shape: noise has it in one place of six (chi-square of
-# some 15 windows); and the share of the noise that the gain then takes off.
-_SHOWN, _TAKEN = 1.4, 0.5
+# Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand
+# (chi-square of some 15 windows).
+_SHOWN = 2.8
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
+# Noise of pixels in the finest octave over that of one window.
+_OF_WINDOWS = 1.36
+# Part of the contrast's energy by which the noise's strays: the chance of some 15 windows.
+_CHANCE = 0.5
 # Widths of windows over which energy and noise are means: 2 and 9 windows count.
 _OF_ENERGY, _OF_NOISE = 1.5, 3.0
 # Share of Gaussian noise's mean square that is left under Geman and McClure's weights.
 _LEFT = 0.58
-# From an octave to the next, noise falls to a half at least: dirt is white along u.
-_FALLS = 0.5
-# Noise beyond the widest window, over the last octave's: a quarter as many windows.
-_BEYOND = 0.25
+# From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
+# pass the windows of the fit alike.
+_FALLS = 1.0, 0.5
+# Noise beyond the widest window over the last octave's: a quarter, and a quarter of that, and on.
+_BEYOND = 0.33
+# Energy that the windows miss over that of the finest octave: of dents three fringes wide.
+_MISSED = 0.95
 # Wavelength of which half the depth is left after the solver's rounds, fringes; each octave that
 # is left out doubles it.
 _FINEST = 1.3
@@ -62,6 +69,7 @@ def denoise(
     phase: NDArray[np.float32],
     changes: Sequence[NDArray[np.float32]],
     mask: NDArray[np.float32],
+    posterior: NDArray[np.float32],
 ) -> Denoised:
     """Denoise a surface's phase.
 
@@ -75,51 +83,74 @@ def denoise(
         changes the latter only, ambient light the former; noise changes both.
     mask : ndarray, shape (rows, nodes), float32
         1 on the surface, else 0.
+    posterior : ndarray, shape (rows, nodes), float32
+        Variance of the phase in one window by what the fit leaves, radians^2: noise is no less.
     """
+    mean = _Means(grid, mask)
+    floor = np.float32(_OF_WINDOWS) * posterior
     low, lows = phase * mask, [each * mask for each in changes]
     kept, variance, noise = (np.zeros_like(phase) for _ in range(3))
     finest, lost, octaves_lost = (np.ones_like(phase) for _ in range(3))
     for octave in range(_OCTAVES):
         width = WIDTH * 2**octave
-        smooth, *smooths = (_flat_top(grid, x, mask, width) for x in (low, *lows))
+        smooth, *smooths = (mean.flat_top(x, width) for x in (low, *lows))
         detail = (low - smooth) * mask
         details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
-        before, noise = noise, np.minimum(*(_noise(grid, x, mask, width) for x in details))
-        if octave > 1:  # the first two pass the windows of the fit
-            noise = np.minimum(noise, np.float32(_FALLS) * before)
-        energy = _mean(grid, detail * detail, mask, _OF_ENERGY * width)
-        signal = np.maximum(energy - noise, 0)
-        taken = np.float32(_TAKEN) * noise / np.maximum(energy, np.float32(1e-12))
-        gain = np.where(energy > _SHOWN * noise, 1 - taken, 0)  # eq. 9
-        gain = _mean(grid, gain, mask, WIDTH * width)
+        contrast, amplitude = (mean.variance(x, _OF_NOISE * width) for x in details)
+        if octave < 2:  # these pass the windows of the fit alike
+            contrast, amplitude = (np.maximum(x, floor) for x in (contrast, amplitude))
+        before, noise = noise, np.minimum(np.float32(_OF_DIRT) * contrast, amplitude)  # eq. 8
+        if octave:
+            noise = np.minimum(noise, np.float32(_FALLS[octave > 1]) * before)
+        energy = mean.of(detail * detail, _OF_ENERGY * width)
+        change = np.minimum(contrast, amplitude)
+        signal = np.where(energy > noise + np.float32(_CHANCE) * change, energy - noise, 0)
+        taken = change / np.maximum(energy, np.float32(1e-12))
+        gain = np.where(taken < 1 / _SHOWN, 1 - taken, 0)  # eq. 9
+        gain = mean.of(gain, WIDTH * width)
         kept = kept + gain * detail
         variance = variance + gain * gain * noise + np.square(1 - gain) * signal  # eq. 10
+        if not octave:
+            variance = variance + np.float32(_MISSED) * signal
         finest = finest if octave else gain
         lost = lost * (1 - gain)
         octaves_lost = octaves_lost * np.exp2(lost)
         low, lows = smooth, smooths
-    return Denoised(
-        *((kept + low) * mask, variance + _BEYOND * noise, finest, _FINEST * octaves_lost)
-    )
+    # At rims the widest windows are cut.
+    variance = variance + np.float32(_BEYOND) * noise / np.square(mean.share(width))
+    return Denoised((kept + low) * mask, variance, finest, _FINEST * octaves_lost)
 
 
-def _noise(grid, change, mask, width):
-    """Variance of the phase by an octave of a change; edges count little."""
-    fringes = _OF_NOISE * width
-    square = change * change
-    # Of a Gaussian, by the mean of its absolute values.
-    scale = np.float32(np.pi / 2) * np.square(_mean(grid, np.abs(change), mask, fringes))
-    weight = mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
-    return np.float32(_OF_DIRT / _LEFT) * _mean(grid, square, weight, fringes)
+class _Means:
+    """Gaussian means of values at the nodes of a surface."""
 
+    def __init__(self, grid: BinGrid, mask: NDArray[np.float32]) -> None:
+        self._grid, self._mask = grid, mask
+        self._shares: dict[float, NDArray[np.float32]] = {}
 
-def _mean(grid, values, weight, fringes):
-    """Gaussian mean of values at the nodes."""
-    share = np.maximum(grid.smooth_nodes(weight, fringes), np.float32(1e-3))
-    return grid.smooth_nodes(values * weight, fringes) / share
+    def share(self, fringes):
+        """Share of the surface in windows of so many fringes."""
+        if fringes not in self._shares:
+            self._shares[fringes] = self._share_of(self._mask, fringes)
+        return self._shares[fringes]
 
+    def of(self, values, fringes):
+        """Mean over so many fringes."""
+        return self._grid.smooth_nodes(values * self._mask, fringes) / self.share(fringes)
 
-def _flat_top(grid, values, mask, fringes):
-    """The mean, and the mean of what it leaves: slopes and bends pass."""
-    mean = _mean(grid, values, mask, fringes)
-    return mean + _mean(grid, values - mean, mask, fringes)
+    def flat_top(self, values, fringes):
+        """The mean, and the mean of what it leaves: slopes and bends pass."""
+        mean = self.of(values, fringes)
+        return mean + self.of(values - mean, fringes)
+
+    def variance(self, change, fringes):
+        """Mean square of a change; edges count little."""
+        square = change * change
+        # Of a Gaussian, by the mean of its absolute values.
+        scale = np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
+        weight = self._mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
+        mean = self._grid.smooth_nodes(square * weight, fringes) / self._share_of(weight, fringes)
+        return mean / np.float32(_LEFT)
+
+    def _share_of(self, weight, fringes):
+        return np.maximum(self._grid.smooth_nodes(weight, fringes), np.float32(1e-3))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +32,30 @@ class LocalFit:
     slope: NDArray[np.float32]
     rest: NDArray[np.float32]
     total: NDArray[np.float32]
+
+    @classmethod
+    def of_mixture(cls, fits: Sequence[LocalFit], shares: Sequence[float]) -> LocalFit:
+        """Fit of lights by their shares, of which the same is not explained."""
+
+        def mixed(values):
+            return sum(
+                np.float32(share) * each for share, each in zip(shares, values, strict=True)
+            )
+
+        level, amplitude, slope = (
+            mixed([getattr(fit, name) for fit in fits]) for name in ('level', 'amplitude', 'slope')
+        )
+        rest, total = (
+            np.square(mixed([np.sqrt(getattr(fit, name)) for fit in fits]))
+            for name in ('rest', 'total')
+        )
+        return cls(level, amplitude, slope, rest, total)
+
+    @property
+    def swing(self) -> NDArray[np.float32]:
+        """Amplitude of the fringes, whatever their shift."""
+        swing: Any = cv2.magnitude(self.slope, self.amplitude)
+        return swing
 
 
 class Windows:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,16 +24,25 @@ from ftp_dent_ros.errors import (
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
+from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
-from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
+from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, led_to_ends, lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
-from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
+from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
-from ftp_dent_ros.profilometry.fringe_model.points import RIM, Points, within_panel
+from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, Pixels, Sheet
+from ftp_dent_ros.profilometry.fringe_model.points import Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
-from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
-from ftp_dent_ros.profilometry.fringe_model.start import PLANES, Plane, Start, fit_planes
+from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
+from ftp_dent_ros.profilometry.fringe_model.solver import Solver
+from ftp_dent_ros.profilometry.fringe_model.start import (
+    LEAST_NODES,
+    PLANES,
+    Plane,
+    Start,
+    fit_planes,
+)
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
@@ -47,14 +58,10 @@ _BEYOND = 1.5
 _SMOOTH, _OFF = 0.5, 1.0
 # Fringes that the strip is high which shows the code's blur first.
 _STRIP = 10.0
-# Periods over the one told whose fringes planes come near to, where those of none told are seen.
+# Periods over the given one, whose fringes planes come near to.
 _RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
-# Least mean weight and amplitude (levels) of windows that tell the ratio of grey to red.
-_WEIGHT, _AMPLITUDE = 0.1, 1.0
-# Nodes that a surface has at least: two rows of windows over some fringes.
-_LEAST_NODES = 30
 
 # Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
 _CLIPPED, _MOST = 0.4, 0.5
@@ -79,6 +86,39 @@ _UNNUMBERED = {
         'surface, in focus, and give the pattern that is projected (pattern.yaml)'
     ),
 }
+
+
+@dataclass(frozen=True, eq=False)
+class _Numbered:
+    """Numbered fringes, and what else is known of a photograph before they are solved.
+
+    Attributes
+    ----------
+    light, usable : ndarray, shape (rows, columns), float32
+        Light that has fringes everywhere, and what of it the panel lights and is not clipped.
+    lit : ndarray of bool, shape (rows, columns)
+        What the panel lights.
+    phase, reference : ndarray, shape (rows, columns), float32
+        Absolute, and that of smooth surfaces, radians.
+    surface : ndarray, shape (rows, nodes), int32
+        Number of the surface, -1 for none.
+    fringes, clipped : ndarray of bool, shape (rows, nodes)
+        Where a surface has fringes, and where its light is clipped.
+    lead : ndarray, shape (rows, nodes), or None
+        What paint makes of the phase, radians.
+    area : LitArea
+    """
+
+    light: NDArray[np.float32]
+    usable: NDArray[np.float32]
+    lit: NDArray[np.bool_]
+    phase: NDArray[np.float32]
+    reference: NDArray[np.float32]
+    surface: NDArray[np.int32]
+    fringes: NDArray[np.bool_]
+    clipped: NDArray[np.bool_]
+    lead: NDArray[np.float32] | None
+    area: LitArea
 
 
 class FringeModel:
@@ -116,46 +156,96 @@ class FringeModel:
         ------
         SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
-        light = Light.of(photograph, self.grid)
+        sheets, depth, coverage, rows = self._solved(self._numbered(photograph))
+        return Measurement(self._pixels.cloud(sheets), depth, coverage, rows)
+
+    def _numbered(self, photograph: Photograph) -> _Numbered:
+        """Fringes whose orders have the odds, and all that the solver starts from."""
+        light = Light.of(photograph, self.grid, self.pattern.code == 'stripe')
         start = self._start(light)
         try:
             orders, numbered = self._orders(light, start)
         except (NoStripeError, TooDarkError):
-            self._check_other_periods(photograph)
+            self._check_other_periods(photograph, start.explained)
             raise
         phase, reference, surface = self._absolute(start, orders, numbered)
-        plain = self._filled(light, phase)
-        lit = self._lit(phase)
-        usable = light.usable * lit
-        first = self._first(plain, usable, phase, start.surface >= 0)
-        fit = self._solver.solve(plain, usable, reference, first)
+        at_nodes = self.grid.at_nodes(phase)
+        outside = np.abs(at_nodes) > _STRIPE + 2 * WIDTH * _TURN
+        outside = start.fringes & (outside | (self.pattern.code == 'contrast'))
+        plain = self._filled(light, start, phase, outside)
+        lit = self._lit(at_nodes)
+        area = self._area(light, start, numbered, phase, reference)
+        if self.pattern.code == 'stripe':
+            beyond = beyond_steps(self.grid, area, start.edges, at_nodes)
+            surface = np.where(beyond, -1, surface)
+        lead = None
+        if len(light.colours) > 1:
+            lead = Nearest(outside)(lead_of_paint(self.grid, start.colours, light.shares, outside))
+        clipped = self.grid.at_nodes(light.usable) < _CLIPPED
+        return _Numbered(
+            plain,
+            light.usable * lit * self._within_ends(area, numbered >= 0),
+            lit,
+            phase,
+            reference,
+            surface,
+            start.surface >= 0,
+            clipped,
+            lead,
+            area,
+        )
+
+    def _solved(
+        self, given: _Numbered
+    ) -> tuple[list[Sheet], float, Coverage, EpipolarCheck | None]:
+        """Surfaces of points, the stripe's depth, what is covered, and the rows' check."""
+        usable, phase = given.usable, given.phase
+        waveform = self._waveform
+        if waveform.has_code:
+            waveform = self._blurred(given.light, usable, phase, given.fringes)
+        fit = self._solver.solve(given.light, usable, given.reference, phase, waveform)
+        if given.lead is not None:
+            fit = replace(fit, phase=fit.phase - self.grid.at_bins(given.lead))
         geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
-        points = Points(*geometry, self.stride, fit, usable, plain)
-        for number in orders:
-            points.add(surface == number, reference)
+        points = Points(*geometry, fit, usable, given.light)
+        for number in range(given.surface.max() + 1):
+            points.add(given.surface == number)
         if not points.measured.any():
             raise NoStripeError(_UNLIT)
-        fringes = self.grid.repeated(start.surface >= 0)
         reason = 'untied' if self.pattern.code == 'stripe' else 'unnumbered'
         coverage = Coverage.of(
-            fringes, points.measured, clipped=light.usable == 0, **{reason: surface < 0}
+            given.fringes,
+            points.measured,
+            clipped=given.clipped,
+            **{reason: given.surface < 0},
         )
-        area = self._area(light, start, numbered, phase, reference)
-        area = replace(area, phase=np.where(lit & area.lit, fit.phase, area.phase))
+        area = given.area
+        led = led_to_ends(self.grid, area.lit, given.lit, given.reference, fit.phase)
+        area = replace(area, phase=np.where(given.lit & area.lit, led, area.phase))
         confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
         coverage = replace(coverage, confirmed=confirmed)
-        return Measurement(points.cloud, points.stripe_depth, coverage, epipolar)
+        return points.sheets, points.stripe_depth, coverage, epipolar
+
+    @cached_property
+    def _pixels(self) -> Pixels:
+        return Pixels(self.rig, self.grid, self.stride)
 
     def _start(self, light: Light) -> Start:
-        return fit_planes(self.grid, light.red, light.usable, self._planes, self._steps)
+        lights = light.unbroken, light.colours, light.usable
+        return fit_planes(self.grid, *lights, self._planes, self._steps)
 
     def _area(self, light: Light, start: Start, numbered, phase, reference) -> LitArea:
         """Where the light ends, and the phase, by the first fit: whatever the panel's rims are."""
         lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
         return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
 
-    def _check_other_periods(self, photograph: Photograph) -> None:
-        """Raise `OtherPatternError` if there are fringes that no plane comes near to.
+    def _within_ends(self, area: LitArea, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Bins between the ends of the light, or with whole windows on numbered surfaces."""
+        whole: Any = cv2.erode(known.view(np.uint8), np.ones((5, 5), np.uint8))
+        return area.lit | (self.grid.repeated(whole) > 0)
+
+    def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
+        """Raise `OtherPatternError` if planes of another period come nearer to the fringes.
 
         Their phase about the stripe is the same, whatever their period.
         """
@@ -163,8 +253,10 @@ class FringeModel:
             try:
                 other = replace(self.pattern, period_px=ratio * self.pattern.period_px)
                 model = FringeModel(self.rig, other, self.stride)
-                light = Light.of(photograph, model.grid)
+                light = Light.of(photograph, model.grid, self.pattern.code == 'stripe')
                 start = model._start(light)
+                if start.explained < explained:
+                    continue
                 orders, numbered = model._orders(light, start)
             except OtherPatternError:
                 raise other_code(self.pattern) from None
@@ -181,17 +273,17 @@ class FringeModel:
         fringes = start.surface >= 0
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         count = np.count_nonzero(clipped)
-        share = count / np.count_nonzero(clipped | fringes) if count > _LEAST_NODES else 0.0
+        share = count / np.count_nonzero(clipped | fringes) if count > LEAST_NODES else 0.0
         if share > _MOST:
             raise SaturatedError(_CLIPPED_SENTENCE.format(share))
-        sizes = np.bincount(start.surface[fringes])
-        if not (sizes >= _LEAST_NODES).any():
+        if not fringes.any():
             raise TooDarkError(_DARK)
         ratio, weight = self._code(light, start)
         orders: dict[int, int] = {}
         surface = np.full(start.surface.shape, -1, np.int32)
         unexplained = 0.0  # of all surfaces' nodes, beyond what may be
-        for number in np.flatnonzero(sizes >= _LEAST_NODES):
+        sizes = np.bincount(start.surface[fringes])
+        for number in np.flatnonzero(sizes):
             nodes = start.surface == number
             parts, explained = self._likelihood.parts(
                 start.phase, ratio, weight, nodes, self.grid.fringe[1]
@@ -218,14 +310,13 @@ class FringeModel:
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
         if self.pattern.code == 'contrast':
             return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
-        phase = start.reference + self.grid.at_bins(start.away)
-        fit = Windows(self.grid, np.cos(phase), -np.sin(phase), light.usable).fit(light.other)
-        red = np.maximum(start.amplitude, 1)
-        variance = (fit.rest + start.rest + 0.1) / self.grid.bins_in_window
-        return np.hypot(fit.amplitude, fit.slope) / red, np.square(red) / variance
+        red = np.maximum(start.own.swing, 1)
+        other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
+        variance = (other.rest + start.own.rest + 0.1) / self.grid.bins_in_window
+        return other.swing / red, np.square(red) / variance
 
     def _absolute(self, start: Start, orders: dict[int, int], numbered: NDArray[np.int32]):
-        """Absolute phase of the bins, that of smooth surfaces, and the bins' surface, -1 for none.
+        """Absolute phase of bins, that of smooth surfaces, and the nodes' surface, -1 for none.
 
         What is beyond a surface is far from its quadric by as much as the nearest of it.
         """
@@ -251,38 +342,28 @@ class FringeModel:
         along_u, along_v = self.grid.fringe
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
         near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
-        near &= known | (start.surface < 0)
-        surface = self.grid.repeated(np.where(near, label, -1))
+        near &= ~wider_than_windows((start.surface >= 0) & ~known)
+        surface = np.where(near, label, -1)
         return reference + self.grid.at_bins(away), reference, surface
 
-    def _lit(self, phase) -> NDArray[np.bool_]:
-        """Where the panel lights, but for its blurred rim."""
-        _, v_p = self._bins.meet(phase)
-        return within_panel(self.rig, self.pattern, phase, v_p) > RIM
+    def _lit(self, at_nodes) -> NDArray[np.bool_]:
+        """Bins that the panel lights, but for its blurred rim."""
+        _, v_p = self._nodes.meet(at_nodes)
+        within = within_panel(self.rig, self.pattern, at_nodes, v_p)
+        lit: NDArray[np.bool_] = self.grid.at_bins(within.astype(np.float32)) > RIM
+        return lit
 
-    def _filled(self, light: Light, phase) -> NDArray[np.float32]:
+    def _filled(self, light: Light, start: Start, phase, outside) -> NDArray[np.float32]:
         """Grey light, whose stripe is filled from red by their ratio around it."""
         if self.pattern.code == 'contrast':
             return light.grey
-        stripe = np.abs(phase) < _STRIPE
-        wave, slope, outside = np.cos(phase), -np.sin(phase), light.usable * ~stripe
-        windows = Windows(self.grid, wave, slope, outside)
-        red, grey = windows.fit(light.red), windows.fit(light.grey)
-        known = (windows.weight > _WEIGHT) & (red.amplitude > _AMPLITUDE)
-        nearest = Nearest(known)
-        ratio = nearest(grey.amplitude / np.maximum(red.amplitude, 1))
-        offset = nearest(grey.level - ratio * red.level)
-        filled = self.grid.at_bins(offset) + self.grid.at_bins(ratio) * light.red
-        return np.where(stripe, filled, light.grey)
-
-    def _first(self, light, usable, phase, inside) -> FringeFit:
-        """What the solver starts from."""
-        waveform = self._waveform
-        if waveform.has_code:
-            waveform = self._blurred(light, usable, phase, inside)
-        fit = Windows(self.grid, *waveform.at(phase), usable).fit(light)
-        level, amplitude = map(self.grid.at_bins, (fit.level, fit.amplitude))
-        return FringeFit(phase, level, amplitude, light, light, usable, waveform, np.zeros(2))
+        nearest = Nearest(outside)
+        other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
+        ratio = other.swing / np.maximum(start.own.swing, 1)
+        offset = nearest(other.level - ratio * start.own.level)
+        filled = self.grid.at_bins(offset)
+        filled += (light.shares[0] + self.grid.at_bins(nearest(ratio))) * light.unbroken
+        return np.where(np.abs(phase) < _STRIPE, filled, light.grey)
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:
         """The waveform in the blur that a strip of the picture shows, where most fringes are."""

@@ -7,7 +7,9 @@ steps from each fringe to the next; a surface's order is the one whose steps are
 
 from __future__ import annotations
 
+import itertools
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,16 +22,16 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
 _TURN = 2 * math.pi
 # Cells a fringe, and fringes that a cell is high: windows of half a fringe resolve no more.
 _CELLS, _HIGH = 2, 1.0
-# Share of the code's light that noise leaves in the stripe: a limit of logarithms.
-_FLOOR = 0.05
+# Share of the code's light that noise leaves: a limit of logarithms.
+_FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
-_GAINS = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0)
+_GAINS = (0.15, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)
 _SCATTERS = (0.02, 0.05, 0.1, 0.2, 0.4)
 # Those by which the likeliest orders are found, and so many of them are held against each other.
 _USUAL, _RIVALS = (0.1, 0.7), 4
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
-#: Odds of the accepted order against all others together.
+#: Odds of the accepted order against all others together, and fringes without any code.
 ODDS = 1e3
 # Odds of another order within words of the code that part them from the surface: surfaces that
 # meet in whole fringes are as rare.
@@ -41,6 +43,9 @@ _WELL_READ = 0.75
 EXPLAINED = 0.5
 #: Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
+# Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
+# window on each side of it.
+_EDGE = 3
 # Share of the nodes lit under any order that must be lit: all of them are if the pattern is right.
 _ON_PANEL = 0.9
 
@@ -54,11 +59,12 @@ class OrderLikelihood:
     """
 
     def __init__(self, pattern: Pattern) -> None:
+        self._floor = _FLOOR[pattern.code]
         orders = pattern.fringe_orders
         self._first = orders.start - 1
         self._count = len(orders) + 2
         expected = np.log(
-            np.maximum(_expected_amplitude(pattern, self._first, self._count), _FLOOR)
+            np.maximum(_expected_amplitude(pattern, self._first, self._count), self._floor)
         )
         self._steps = _steps(expected[None])[0].astype(np.float32)
         self._ends = pattern.phase([0, pattern.width - 1])
@@ -105,7 +111,7 @@ class OrderLikelihood:
         shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
         index = block * shape[1] + cell
         w = weight[row, column]
-        value = np.log(np.maximum(ratio[row, column], _FLOOR))
+        value = np.log(np.maximum(ratio[row, column], self._floor))
         sums = [
             np.bincount(index, each, shape[0] * shape[1]).reshape(shape) for each in (w, w * value)
         ]
@@ -124,9 +130,18 @@ class OrderLikelihood:
         few = np.argsort(each.sum(axis=(1, 2)))[-_RIVALS:]
         pairs = [(scatter, gain) for scatter in _SCATTERS for gain in _GAINS]
         of_pairs = [self._likelihood(step, noise, orders[few], low, *pair) for pair in pairs]
-        total = logsumexp([pair.sum(axis=(1, 2)) for pair in of_pairs], axis=0)
+        # Either all rows show the code, or some of them lie behind a step, as likely as not.
+        plain = [self._likelihood(step, noise, few[:1], low, s, 0).sum(axis=2) for s in _SCATTERS]
+        all_rows = [pair.sum(axis=2) for pair in of_pairs]
+        some = [
+            np.logaddexp(row, none) - math.log(2)
+            for row, none in zip(all_rows, np.repeat(plain, len(_GAINS), axis=0), strict=True)
+        ]
+        total = logsumexp(np.sum([*all_rows, *some], axis=2), axis=0)
         first = int(np.argmax(total))
-        if len(few) > 1 and total[first] - logsumexp(np.delete(total, first)) < math.log(ODDS):
+        without = logsumexp(np.sum(plain, axis=2)) + math.log(2 * len(_GAINS))
+        rivals = [*np.delete(total, first), without]
+        if total[first] - logsumexp(rivals) < math.log(ODDS):
             return [], math.nan
         if not self._has_words:
             return [(int(orders[few[first]]), inside)], 1.0
@@ -215,15 +230,54 @@ def _order_of_words(each: NDArray[np.float32], best: int) -> NDArray[np.int16]:
     best : int
         Index of the whole surface's order, which other words must beat.
     """
-    size = WORD * _CELLS, WORD
-    words = [cv2.blur(e, size, borderType=cv2.BORDER_CONSTANT) for e in each - each[best]]
-    ahead = np.prod(size) * np.array(words)
+    ahead = np.array([_of_words(e) for e in each - each[best]])
     local = np.argmax(ahead, axis=0).astype(np.int16)
     local[ahead.max(axis=0) < math.log(_PART_ODDS)] = best
-    # A step belongs between its two cells. In words across an edge neither code is whole.
+    low, high = _least_and_most(local, WORD)
+    # An order that no whole word of words shows is by chance.
+    shown = np.unique(local[low == high])
+    between = _clearest(each, shown) if len(shown) > 1 else np.int16(-1)
+    local = np.where(low == high, local, between)
+    # A step belongs between its two cells.
     local = np.pad(local, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)), 'edge')
-    around = np.ones(size[::-1], np.uint8)
-    return np.where(cv2.erode(local, around) == cv2.dilate(local, around), local, -1)
+    known = local >= 0
+    low, _ = _least_and_most(np.where(known, local, np.iinfo(np.int16).max), _EDGE)
+    _, high = _least_and_most(local, _EDGE)
+    return np.where(known & (low == high), local, -1)
+
+
+def _clearest(each: NDArray[np.float32], shown: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Index of each cell's order, as the word that explains best of those that hold it has it.
+
+    In a word across an edge neither code is whole; one that ends at the edge is whole. It must
+    tell its order at the odds of a part, and leave less than those of other orders.
+    """
+    each = each[shown]
+    lags = each - each.max(axis=0)
+    least = np.full(each.shape, -np.inf, np.float32)
+    for across, down in itertools.product((0, 0.5, 1), repeat=2):
+        place = int(across * (WORD * _CELLS - 1)), int(down * (WORD - 1))
+        sums = np.array([_of_words(e, place) for e in each])
+        lag = np.array([_of_words(e, place) for e in lags])
+        second, first = np.sort(sums, axis=0)[-2:]
+        tells = (sums == first) & (first - second > math.log(_PART_ODDS))
+        np.maximum(least, np.where(tells, lag, -np.inf), out=least)
+    second, first = np.sort(least, axis=0)[-2:]
+    clear = np.isfinite(first) & (second < first - math.log(ODDS))
+    return np.where(clear, shown[np.argmax(least, axis=0)], -1).astype(np.int16)
+
+
+def _of_words(each: NDArray[np.float32], place: tuple[int, int] = (-1, -1)) -> Any:
+    """Sums of steps over the words in which each has a place, or is in the middle."""
+    size = WORD * _CELLS, WORD
+    words: Any = cv2.blur(each, size, anchor=place, borderType=cv2.BORDER_CONSTANT)
+    return np.prod(size) * words
+
+
+def _least_and_most(local: NDArray[np.int16], fringes: int) -> tuple[Any, Any]:
+    """The least and the largest index within words of so many fringes."""
+    around = np.ones((fringes, fringes * _CELLS), np.uint8)
+    return cv2.erode(local, around), cv2.dilate(local, around)
 
 
 def _steps(values: NDArray) -> NDArray:

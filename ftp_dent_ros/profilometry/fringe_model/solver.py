@@ -42,12 +42,12 @@ class FringeFit:
     phase, level, amplitude : ndarray, shape (rows, columns), float32
     residual : ndarray
         Light less the model.
-    scale : ndarray
-        Mean square of the residuals about, by weight.
-    weight : ndarray
-        0 to 1.
+    scale : ndarray, shape (rows, nodes)
+        Mean square of the residuals about.
+    wave, slope : ndarray
+        F and its derivative.
     waveform : Waveform
-        With its harmonics and blur.
+        With its response and blur.
     slopes : ndarray, shape (2,)
         Rise of the blur's variance over the width and height, radians^2.
     """
@@ -57,7 +57,8 @@ class FringeFit:
     amplitude: NDArray[np.float32]
     residual: NDArray[np.float32]
     scale: NDArray[np.float32]
-    weight: NDArray[np.float32]
+    wave: NDArray[np.float32]
+    slope: NDArray[np.float32]
     waveform: Waveform
     slopes: NDArray[np.float64]
 
@@ -86,16 +87,23 @@ class Solver:
         light: NDArray[np.float32],
         usable: NDArray[np.float32],
         reference: NDArray[np.float32],
-        start: FringeFit,
+        phase: NDArray[np.float32],
+        waveform: Waveform,
     ) -> FringeFit:
-        """Fit from a start, whose phase is right to a third of a fringe."""
-        grid, fit = self.grid, start
-        weight: Any = usable
+        """Fit from a phase that is right to a third of a fringe."""
+        grid, weight = self.grid, usable
+        wave, slope = waveform.at(phase)
+        first = Windows(grid, wave, slope, usable).fit(light)
+        level, amplitude = grid.at_bins(first.level), grid.at_bins(first.amplitude)
+        fit = FringeFit(phase, level, amplitude, *4 * (light,), waveform, np.zeros(2))
+        # Before the phase follows the response, as ripples that the windows do not see again.
+        residual = light - level - amplitude * wave
+        fit, _ = self._learned(fit, residual, wave, slope, self._weight(usable, residual), None)
         for number in range(_ROUNDS):
             wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
             if number:
-                weight, _ = self._weight(usable, residual)
+                weight = self._weight(usable, residual)
             slope *= fit.amplitude
             windows = Windows(grid, wave, slope, weight)
             change = windows.fit(residual)  # eq. 3
@@ -111,10 +119,10 @@ class Solver:
                 fitted = self._clearest(light, usable, fit, fitted, windows, change, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
-        wave, _ = _wave(fit, fit.phase, self._plane)
+        wave, slope = _wave(fit, fit.phase, self._plane)
         residual = light - fit.level - fit.amplitude * wave
-        weight, scale = self._weight(usable, residual)
-        return replace(fit, residual=residual, scale=scale, weight=weight)
+        scale = self._scale(usable, residual)
+        return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift without the windows' own smoothing of them."""
@@ -128,35 +136,45 @@ class Solver:
             sharpened.append(sharp)
         return sharpened
 
-    def _weight(self, usable, residual) -> tuple[Any, Any]:
-        """Weights of the bins, and the mean square of the residuals about (eq. 5)."""
-        square = residual * residual
+    def _weight(self, usable, residual) -> NDArray[np.float32]:
+        """Weights of the bins (eq. 5)."""
+        scale = np.maximum(self._scale(usable, residual), np.float32(_ROUNDING))
+        limit = self.grid.at_bins(1 / (np.float32(_REDESCENDS**2) * scale))
+        far = residual * residual
+        far *= limit
+        far += 1
+        far *= far
+        weight: NDArray[np.float32] = usable / far
+        return weight
+
+    def _scale(self, usable, residual) -> NDArray[np.float32]:
+        """Mean square of the residuals about the nodes."""
         size = self._about(usable * np.abs(residual)) / np.maximum(self._about(usable), 1e-3)
-        scale = np.float32(np.pi / 2) * size * size  # of a Gaussian, by its mean absolute value
-        limit = np.float32(_REDESCENDS**2) * np.maximum(scale, np.float32(_ROUNDING))
-        return usable / np.square(1 + square / limit), scale
+        # Of a Gaussian, by its mean absolute value.
+        scale: NDArray[np.float32] = np.float32(np.pi / 2) * size * size
+        return scale
 
     def _learned(self, fit, residual, wave, slope, weight, windows):
         """The fit with the waveform's unknowns as every few bins together show them (eq. 4).
 
         And what level, amplitude and shift of the nodes follow of the blur that was learned.
         """
-        size = np.maximum(fit.amplitude, 1)
+        few = np.s_[::_EVERY, ::_EVERY]
+        phase, amplitude = fit.phase[few], fit.amplitude[few]
+        size = np.maximum(amplitude, 1)
         by_blur: Any = None
         follow: tuple[Any, ...] = ()
         if windows is not None:
-            by_blur = fit.amplitude * fit.waveform.by_blur(fit.phase)
+            each = windows.fit(fit.amplitude * fit.waveform.by_blur(fit.phase))
             # What the windows' unknowns follow of the blur does not show it.
-            each = windows.fit(by_blur)
             follow = each.level, each.amplitude, each.slope
-            level, amplitude, shift = map(self.grid.at_bins, follow)
-            by_blur = (by_blur - level - amplitude * wave - shift * slope) / size
-            by_blur = np.stack([by_blur, *(by_blur * self._plane)])
-            by_blur = by_blur[:, ::_EVERY, ::_EVERY].reshape(3, -1)
-        some = (
-            each[::_EVERY, ::_EVERY].ravel()
-            for each in (fit.phase, residual / size, weight * size * size * (fit.amplitude > 1))
-        )
+            level, contrast, shift = (self.grid.at_bins(each)[few] for each in follow)
+            by_blur = amplitude * fit.waveform.by_blur(phase)
+            by_blur = (by_blur - level - contrast * wave[few] - shift * slope[few]) / size
+            along_u, along_v = (each[few] for each in self._plane)
+            by_blur = np.stack([by_blur, by_blur * along_u, by_blur * along_v]).reshape(3, -1)
+        weight = weight[few] * size * size * (amplitude > 1)
+        some = (each.ravel() for each in (phase, residual[few] / size, weight))
         waveform, more = fit.waveform.corrected(*some, by_blur)
         fit = replace(fit, waveform=waveform, slopes=fit.slopes + more[1:])
         if not follow:
@@ -204,9 +222,10 @@ class Solver:
                 np.copyto(old, new, where=better)
         return best
 
-    def _about(self, bins):
-        width, height = (round(_SCALE * each) for each in self.grid.fringe)
-        return cv2.blur(bins, (width, height))
+    def _about(self, bins) -> NDArray[Any]:
+        along_u, along_v = self.grid.fringe
+        size = round(_SCALE * along_u / self.grid.node), round(_SCALE * along_v)
+        return cv2.blur(self.grid.at_nodes(bins), size)
 
 
 def _wave(fit, phase, plane):

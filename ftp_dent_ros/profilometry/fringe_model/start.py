@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
-from ftp_dent_ros.profilometry.fringe_model.local_fit import Windows
+from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.least_squares.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
@@ -29,6 +29,10 @@ _CLEARER, _LEAP = 4.3, 1.0
 _BESIDE = 1.25, 2.5
 # Mean square of rounding to whole levels in a bin, levels^2.
 _ROUNDING = 0.05
+# Share of what a surface's own phase explains that a plane does that comes near to it.
+_NEAR = 0.5
+#: Nodes that a surface has at least: two rows of windows over some fringes.
+LEAST_NODES = 30
 # Share of the fit that another plane must explain more, so that it is not chosen by noise.
 _BETTER = 0.02
 # Least amplitude, levels: beyond the rounding of levels.
@@ -45,24 +49,35 @@ class Start:
         Unwrapped within each surface, whole turns unknown, radians.
     surface : ndarray, shape (rows, nodes), int32
         Number of the surface, -1 where there are no fringes.
-    level, amplitude, rest : ndarray, shape (rows, nodes), float32
-        Of the fit; `rest` is the mean square that it leaves.
+    level, amplitude : ndarray, shape (rows, nodes), float32
+        Of the fit about the best plane.
     reference : ndarray, shape (rows, columns), float32
         Phase of the best plane, at the bins.
     away : ndarray, shape (rows, nodes), float32
         Phase about that plane's.
     fringes : ndarray of bool, shape (rows, nodes)
         Where fringes are seen, those at the rims of surfaces too.
+    edges : ndarray of bool, shape (rows, nodes)
+        Where windows see two sides of an edge of paint, light or skin.
+    explained : float
+        Share of the light that the best planes explain, mean over the picture.
+    own : LocalFit
+        About that phase, of the light that has fringes everywhere.
+    colours : list of LocalFit
+        The same fringes in each colour.
     """
 
     phase: NDArray[np.float32]
     surface: NDArray[np.int32]
     level: NDArray[np.float32]
     amplitude: NDArray[np.float32]
-    rest: NDArray[np.float32]
     reference: NDArray[np.float32]
     away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
+    edges: NDArray[np.bool_]
+    explained: float
+    own: LocalFit
+    colours: list[LocalFit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +115,7 @@ class Plane:
 def fit_planes(
     grid: BinGrid,
     light: NDArray[np.float32],
+    colours: Sequence[NDArray[np.float32]],
     usable: NDArray[np.float32],
     planes: Sequence[Plane],
     steps: float,
@@ -108,6 +124,11 @@ def fit_planes(
 
     Parameters
     ----------
+    light : ndarray, shape (rows, columns)
+        Light that has fringes everywhere.
+    colours : sequence of ndarray, shape (rows, columns)
+    usable : ndarray, shape (rows, columns)
+        1 where light is usable.
     planes : sequence of Plane
     steps : float
         Mean square that the code's own steps leave at most, over the amplitude's square.
@@ -127,30 +148,56 @@ def fit_planes(
     phase = of(
         [p.at_nodes + np.arctan2(f.slope, f.amplitude) for f, p in zip(fits, planes, strict=True)]
     )
-    amplitude = of([cv2.magnitude(f.slope, f.amplitude) for f in fits])
+    amplitude = of([f.swing for f in fits])
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
     variance = 2 * rest / (strength * grid.bins_in_window)
-    fringes = (variance < (_DEVIATION / 3) ** 2) & (amplitude > _FAINTEST)
+    fringes = (variance < _DEVIATION**2) & (amplitude > _FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
-    tied = fringes & ~_leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
-    unwrapped = unwrap(wrapped, tied, jump=_JUMP)
+    edges, leaps = _edges(grid, wrapped, rest, np.float32(steps) * strength, fringes)
+    unwrapped = unwrap(wrapped, fringes & ~leaps, jump=_JUMP)
     away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
+    reference = planes[best].at_bins
+    turn = reference + grid.at_bins(away)
+    windows = Windows(grid, np.cos(turn), -np.sin(turn), usable)
+    own = windows.fit(light)
+    surface = _near(
+        unwrapped.part, of(explained), 1 - own.rest / np.maximum(own.total, np.float32(1e-6))
+    )
     return Start(
-        *(planes[best].at_nodes + away, unwrapped.part, level, amplitude, rest),
-        *(planes[best].at_bins, away, fringes),
+        planes[best].at_nodes + away,
+        surface,
+        level,
+        amplitude,
+        reference,
+        away,
+        fringes,
+        edges,
+        float(of(explained).mean()),
+        own,
+        [own if each is light else windows.fit(each) for each in colours],
     )
 
 
-def _leaps(
+def _near(part: NDArray[np.int32], *explained: NDArray[np.float32]) -> NDArray[np.int32]:
+    """The surfaces to whose fringes a plane comes near, as its share and their own explain them.
+
+    What is seen of others, and of too few nodes, is by chance.
+    """
+    inside = part >= 0
+    size, plane, own = (np.bincount(part[inside], x[inside], 1) for x in (inside, *explained))
+    return np.where(((plane > _NEAR * own) & (size >= LEAST_NODES))[part], part, -1)
+
+
+def _edges(
     grid: BinGrid,
     wrapped: NDArray[np.float32],
     rest: NDArray[np.float32],
     least: NDArray[np.float32],
     fringes: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
-    """Nodes of rims, and of edges in the light across which the phase leaps.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Nodes of edges in the light, and of those across which the phase leaps, or nothing is.
 
     A window across a step mixes two surfaces and explains its light worse than those beside.
     Where only paint or light leaps, the phase goes on; behind a step of whole fringes its slope
@@ -188,7 +235,7 @@ def _leaps(
     count, line = cv2.connectedComponents(joined)
     usual = np.zeros(count)
     usual[1:] = ndimage.median(leap, np.where(edge, line, 0), np.arange(1, count))
-    return rim | ((joined > 0) & (usual > _LEAP)[line])
+    return edge, rim | ((joined > 0) & (usual > _LEAP)[line])
 
 
 def _moved(nodes: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:

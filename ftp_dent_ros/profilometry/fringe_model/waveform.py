@@ -1,7 +1,8 @@
 """The waveform F of the projected fringes over the panel's phase, blur and response included.
 
-F is the pattern's light about its mean, blurred by a Gaussian, plus the harmonics 2 to 5 that the
-projector's and the camera's response add. Blur and harmonics are global unknowns of the fit.
+F is the pattern's light about its mean, blurred by a Gaussian, and bent by the projector's and the
+camera's response: Chebyshev's polynomials of the orders 2 to 5, which of cosines are harmonics.
+Blur and response are global unknowns of the fit.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern.pattern import Pattern
@@ -22,7 +23,8 @@ _TURN = 2 * math.pi
 _SAMPLES = 128
 # Fringes beyond the panel's ends.
 _BEYOND = 4
-_HARMONICS = range(2, 6)
+# Polynomials of the response, orders 2 to 5.
+_BENDS = 4
 # Variances of the blur to choose from at first, radians^2: even steps of its width, so near that
 # the fit finds the way; the largest leaves a tenth of the fringes.
 _VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
@@ -48,8 +50,8 @@ class Waveform:
         Over the fringes'.
     variance : float
         Of the blur in the middle of the picture, radians^2.
-    harmonics : ndarray, shape (4,), complex
-        Of the harmonics 2 to 5, over the fundamental.
+    response : ndarray, shape (4,)
+        Of the polynomials of the orders 2 to 5, over the fundamental.
     """
 
     start: float
@@ -57,9 +59,7 @@ class Waveform:
     spectrum: NDArray[np.complex128]
     frequency: NDArray[np.floating]
     variance: float = USUAL
-    harmonics: NDArray[np.complex128] = field(
-        default_factory=lambda: np.zeros(len(_HARMONICS), complex)
-    )
+    response: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_BENDS))
 
     @classmethod
     def of(cls, pattern: Pattern) -> Waveform:
@@ -67,7 +67,8 @@ class Waveform:
         orders = pattern.fringe_orders
         count = (len(orders) + 2 * _BEYOND) * _SAMPLES
         start = _TURN * (orders.start - _BEYOND - 0.25)
-        light = _drawn(pattern, start + _TURN / _SAMPLES * np.arange(count))
+        phase = start + _TURN / _SAMPLES * np.arange(count)
+        light = _drawn(pattern, phase)
         return cls(
             start,
             pattern.code == 'contrast',
@@ -75,9 +76,14 @@ class Waveform:
             np.fft.rfftfreq(count, _TURN / _SAMPLES) * _TURN,
         )
 
+    @cached_property
+    def in_blurs(self) -> list[Waveform]:
+        """The waveform in the blurs to choose from."""
+        return [replace(self, variance=each) for each in _VARIANCES]
+
     def with_least(self, left: Callable[[Waveform], float]) -> Waveform:
         """The waveform in the blur that leaves least: a parabola through the best choices."""
-        misfits = np.array([left(replace(self, variance=each)) for each in _VARIANCES])
+        misfits = np.array([left(each) for each in self.in_blurs])
         middle = int(np.clip(misfits.argmin(), 1, len(misfits) - 2))
         near = slice(middle - 1, middle + 2)
         bend, slope, _ = np.polyfit(_VARIANCES[near], misfits[near], 2)
@@ -86,7 +92,7 @@ class Waveform:
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float32], ...]:
-        """F, dF / d phase and dF / d variance at the samples, shape (samples,)."""
+        """F, dF / d phase, dF / d variance and the straight F at the samples, shape (samples,)."""
         count = 2 * (len(self.frequency) - 1)
         # Over the carrier's own loss, which is the amplitude's.
         half = (1 - np.square(self.frequency)) / 2
@@ -95,18 +101,16 @@ class Waveform:
             np.fft.irfft(each, count)
             for each in (blurred, 1j * self.frequency * blurred, half * blurred)
         )
-        turn = np.exp(1j * (self.start + _TURN / _SAMPLES * np.arange(count)))
-        for order, part in zip(_HARMONICS, self.harmonics, strict=True):
-            overtone = part * turn**order
-            light += overtone.real
-            slope -= order * overtone.imag
-        return tuple(each.astype(np.float32) for each in (light, slope, by_blur))
+        bent = [0, 1, *self.response]
+        steep = chebyshev.chebval(light, chebyshev.chebder(bent))
+        tables = chebyshev.chebval(light, bent), steep * slope, steep * by_blur, light
+        return tuple(each.astype(np.float32) for each in tables)
 
     def at(
         self, phase: NDArray[np.float32], more_blur: NDArray[np.float32] | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """F and dF / d phase at phases, in a blur whose variance is so much more (radians^2)."""
-        light, slope, by_blur = self.tables
+        light, slope, by_blur, _ = self.tables
         index, beyond = self._nearest(phase)
         slope = slope.take(index, mode='clip')
         wave = light.take(index, mode='clip') + slope * beyond
@@ -151,16 +155,17 @@ class Waveform:
         more : ndarray, shape (3,)
             Of the blur's variance in the middle, and of its rise over width and height.
         """
-        terms = np.stack([*_overtones(phase), *(() if by_blur is None else by_blur)])
+        straight = self.tables[3].take(self._nearest(phase)[0], mode='clip')
+        bends = chebyshev.chebvander(straight, _BENDS + 1).T[2:]
+        terms = np.vstack([bends, *(() if by_blur is None else by_blur)])
         weighted = terms * weight
         normal = (weighted @ terms.T).astype(float)
         ridge = 1e-9 + 1e-6 * np.trace(normal)
         more = np.linalg.solve(normal + ridge * np.eye(len(normal)), weighted @ misfit)
-        parts = more[: 2 * len(_HARMONICS)]
-        blur = np.zeros(3) if by_blur is None else np.clip(more[len(parts) :], -_STEP, _STEP)
-        harmonics = self.harmonics + parts[::2] - 1j * parts[1::2]
+        blur = np.zeros(3) if by_blur is None else np.clip(more[_BENDS:], -_STEP, _STEP)
+        response = self.response + more[:_BENDS]
         blur[0] = np.clip(self.variance + blur[0], 0, _VARIANCES[-1]) - self.variance
-        waveform = replace(self, harmonics=harmonics, variance=self.variance + float(blur[0]))
+        waveform = replace(self, response=response, variance=self.variance + float(blur[0]))
         return waveform, blur
 
 
@@ -177,14 +182,3 @@ def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]
     light = 2 * np.where(on_panel, drawn, pattern.intensity(pixels)) - 1
     total = np.interp(ends, np.append(pixels, pixels[-1] + 1) - 0.5, np.append(0, light.cumsum()))
     return np.diff(total) / np.diff(ends)
-
-
-def _overtones(phase):
-    """Cosine and sine of each harmonic, one after the other."""
-    cosine, sine = cv2.polarToCart(np.ones_like(phase), phase)
-    turn = (cosine + 1j * sine).ravel()
-    power = turn
-    for _ in _HARMONICS:
-        power = power * turn
-        yield power.real
-        yield power.imag
