@@ -63,6 +63,9 @@ _RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
 
+# Nodes to each side that a whole window has (two deviations), and in which another surface is seen
+# (two fringes).
+_WHOLE, _NEAR = 2, 5
 # Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
 _CLIPPED, _MOST = 0.4, 0.5
 
@@ -184,7 +187,7 @@ class FringeModel:
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         return _Numbered(
             plain,
-            light.usable * lit * self._within_ends(area, numbered >= 0),
+            light.usable * lit * self._within_ends(area, numbered >= 0, start.surface >= 0),
             lit,
             phase,
             reference,
@@ -239,10 +242,12 @@ class FringeModel:
         lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
         return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
 
-    def _within_ends(self, area: LitArea, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Bins between the ends of the light, or with whole windows on numbered surfaces."""
-        whole: Any = cv2.erode(known.view(np.uint8), np.ones((5, 5), np.uint8))
-        return area.lit | (self.grid.repeated(whole) > 0)
+    def _within_ends(self, area: LitArea, known, fringes) -> NDArray[np.bool_]:
+        """Bins between the ends of the light, with whole windows on a surface, or near another."""
+        whole: Any = cv2.erode(known.view(np.uint8), _box(_WHOLE))
+        other = wider_than_windows(fringes & ~known).view(np.uint8)
+        near: Any = cv2.dilate(other, _box(_NEAR))
+        return area.lit | self.grid.repeated((whole > 0) | (near > 0))
 
     def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
         """Raise `OtherPatternError` if planes of another period come nearer to the fringes.
@@ -378,3 +383,8 @@ class FringeModel:
             return float(np.median(fit.rest[inside]))
 
         return self._waveform.with_least(left)
+
+
+def _box(nodes: int) -> NDArray[np.uint8]:
+    """So many nodes to each side."""
+    return np.ones((2 * nodes + 1, 2 * nodes + 1), np.uint8)
