@@ -75,11 +75,14 @@ def test_skins_two_fringes_apart_are_parted_by_the_code(across):
     assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.65
 
 
-@pytest.mark.xfail(reason='at the red stripe its depth is 3.7 % too small')
-def test_a_bend_keeps_its_depth():
+AT_STRIPE = pytest.mark.xfail(reason='red alone shows the stripe: 3.7 % too shallow')
+
+
+@pytest.mark.parametrize('x', [0.03, pytest.param(0.0, marks=AT_STRIPE)])
+def test_a_bend_keeps_its_depth(x):
     # A Gaussian three fringes wide is the narrowest that is seen whole.
     size = 3 * DEPTH / 900 * 7.8
-    dent = Dent(0.0, 0.0, 4 * size, 4 * size, 0.5e-3, 0.0, Gaussian())
+    dent = Dent(x, 0.0, 4 * size, 4 * size, 0.5e-3, 0.0, Gaussian())
     seen = Scene.of(panel(dents=(dent,)))
     cloud, *_ = measured(seen)
     bare = Surface((replace(seen.surface.panels[0], dents=()),))

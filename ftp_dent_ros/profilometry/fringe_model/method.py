@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import cv2
 import numpy as np
@@ -25,7 +24,13 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
+from ftp_dent_ros.profilometry.fringe_model.bins import (
+    WIDTH,
+    BinGrid,
+    Nearest,
+    dilated,
+    wider_than_windows,
+)
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, led_to_ends, lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
@@ -244,10 +249,9 @@ class FringeModel:
 
     def _within_ends(self, area: LitArea, known, fringes) -> NDArray[np.bool_]:
         """Bins between the ends of the light, with whole windows on a surface, or near another."""
-        whole: Any = cv2.erode(known.view(np.uint8), _box(_WHOLE))
-        other = wider_than_windows(fringes & ~known).view(np.uint8)
-        near: Any = cv2.dilate(other, _box(_NEAR))
-        return area.lit | self.grid.repeated((whole > 0) | (near > 0))
+        whole = ~dilated(~known, _WHOLE, _WHOLE)
+        near = dilated(wider_than_windows(fringes & ~known), _NEAR, _NEAR)
+        return area.lit | self.grid.repeated(whole | near)
 
     def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
         """Raise `OtherPatternError` if planes of another period come nearer to the fringes.
@@ -383,8 +387,3 @@ class FringeModel:
             return float(np.median(fit.rest[inside]))
 
         return self._waveform.with_least(left)
-
-
-def _box(nodes: int) -> NDArray[np.uint8]:
-    """So many nodes to each side."""
-    return np.ones((2 * nodes + 1, 2 * nodes + 1), np.uint8)
