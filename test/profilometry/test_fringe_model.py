@@ -1,4 +1,4 @@
-"""The default method: points on the skin, errors as they are stated, orders or none."""
+"""The method of one model: points on the skin, errors as they are stated, orders or none."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import pytest
 from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
 
 from ftp_dent_ros.errors import NoStripeError, TooDarkError
-from ftp_dent_ros.profilometry import Reconstructor
+from ftp_dent_ros.profilometry import Reconstructor, Settings
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Surface
 from ftp_dent_ros.simulation.dents import Gaussian
 
 CODED = replace(PATTERN, code='contrast')
+MODEL = Settings('fringe-model')
 
 
 def measured(scene: Scene, pattern=PATTERN):
     """The cloud, and its errors in millimetres and in its own sigmas."""
-    cloud = Reconstructor(scene.rig, pattern).reconstruct(scene.image)
+    cloud = Reconstructor(scene.rig, pattern, MODEL).reconstruct(scene.image)
     errors = scene.errors_mm(cloud)
     return cloud, errors, errors / (cloud.sigma[cloud.valid] * 1e3)
 
@@ -74,11 +75,14 @@ def test_skins_two_fringes_apart_are_parted_by_the_code(across):
     assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.65
 
 
-@pytest.mark.xfail(reason='its depth is 3.2 % too small')
-def test_a_bend_keeps_its_depth():
+AT_STRIPE = pytest.mark.xfail(reason='red alone shows the stripe: 3.7 % too shallow')
+
+
+@pytest.mark.parametrize('x', [0.03, pytest.param(0.0, marks=AT_STRIPE)])
+def test_a_bend_keeps_its_depth(x):
     # A Gaussian three fringes wide is the narrowest that is seen whole.
     size = 3 * DEPTH / 900 * 7.8
-    dent = Dent(0.0, 0.0, 4 * size, 4 * size, 0.5e-3, 0.0, Gaussian())
+    dent = Dent(x, 0.0, 4 * size, 4 * size, 0.5e-3, 0.0, Gaussian())
     seen = Scene.of(panel(dents=(dent,)))
     cloud, *_ = measured(seen)
     bare = Surface((replace(seen.surface.panels[0], dents=()),))
@@ -87,13 +91,13 @@ def test_a_bend_keeps_its_depth():
 
 
 def test_the_same_photograph_gives_the_same_bits(scene):
-    reconstructor = Reconstructor(RIG, PATTERN)
+    reconstructor = Reconstructor(RIG, PATTERN, MODEL)
     first, second = (reconstructor.reconstruct(scene('flat').image) for _ in range(2))
     assert first.points.tobytes() == second.points.tobytes()
 
 
 def test_the_dark_and_fringes_without_a_number_are_refused(scene):
-    reconstructor = Reconstructor(RIG, PATTERN)
+    reconstructor = Reconstructor(RIG, PATTERN, MODEL)
     image = scene('flat').image
     with pytest.raises(TooDarkError, match='projector on'):
         reconstructor.reconstruct(np.full_like(image, 3))

@@ -19,6 +19,8 @@ _FINE = 2.5
 # Pixel rows of a bin: fewer cost time, more than these are seen as steps.
 _ROWS = 4, 16
 
+#: Mean square of rounding to whole levels in a bin, levels^2.
+ROUNDING = 0.05
 #: Standard deviation of the Gaussian windows, fringes: below 0.45 level and contrast of a cosine
 #: are no longer apart.
 WIDTH = 0.5
@@ -196,6 +198,13 @@ class Nearest:
     def __call__(self, values: NDArray[Any]) -> NDArray[Any]:
         """The values with the nearest known one where none is known."""
         return values if self._index is None else values.ravel()[self._index]
+
+
+def dilated(nodes: NDArray[np.bool_], rows: int, columns: int) -> NDArray[np.bool_]:
+    """What is within so many rows and columns of nodes."""
+    box = np.ones((2 * rows + 1, 2 * columns + 1), np.uint8)
+    near: NDArray[np.bool_] = cv2.dilate(nodes.view(np.uint8), box) > 0
+    return near
 
 
 def wider_than_windows(nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:

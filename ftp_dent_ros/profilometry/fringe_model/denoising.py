@@ -35,8 +35,6 @@ _LEFT = 0.58
 _FALLS = 1.0, 0.5
 # Noise beyond the widest window over the last octave's: a quarter, and a quarter of that, and on.
 _BEYOND = 0.33
-# Energy that the windows miss over that of the finest octave: of dents three fringes wide.
-_MISSED = 0.95
 # Wavelength of which half the depth is left after the solver's rounds, fringes; each octave that
 # is left out doubles it.
 _FINEST = 1.3
@@ -110,8 +108,8 @@ def denoise(
         gain = mean.of(gain, WIDTH * width)
         kept = kept + gain * detail
         variance = variance + gain * gain * noise + np.square(1 - gain) * signal  # eq. 10
-        if not octave:
-            variance = variance + np.float32(_MISSED) * signal
+        if not octave:  # windows miss as much of dents three fringes wide
+            variance = variance + signal
         finest = finest if octave else gain
         lost = lost * (1 - gain)
         octaves_lost = octaves_lost * np.exp2(lost)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.start import Start
 from ftp_dent_ros.profilometry.lit_area import PARALLEL, LitArea
@@ -24,8 +24,6 @@ _MOST = 0.5
 # Fringes that a step has at most: behind a deeper one there is less than half the light. Fringes
 # along its edge over which dirt may hide it.
 _DEEPEST, _GAP = 10, 6.0
-# Mean square of rounding to whole levels in a bin, levels^2.
-_ROUNDING = 0.05
 
 
 def lit_bins(
@@ -58,7 +56,7 @@ def lit_bins(
     beyond = grid.at_bins(Nearest(~near)(start.level))
     fringes = np.square(light.unbroken - level - amplitude * np.cos(onwards))
     gain = light.usable * (np.square(light.unbroken - beyond) - fringes)
-    gain = np.where(grid.repeated(near), gain, 0) - np.float32(_ROUNDING)
+    gain = np.where(grid.repeated(near), gain, 0) - np.float32(ROUNDING)
     wide, high = (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
     lit = _stretches(gain, high) & _stretches(gain.T, wide).T
     return lit, np.where(grid.repeated(inner), phase, onwards)

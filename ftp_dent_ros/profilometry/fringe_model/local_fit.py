@@ -111,4 +111,4 @@ class Windows:
         amplitude, slope = fi * dd - di * fd, di * ff - fi * fd
         rest = np.maximum(ii - amplitude * fi - slope * di, 0) * self._mean
         level = (i - amplitude * self._f - slope * self._d) * self._mean
-        return LocalFit(level, amplitude, slope, rest, ii * self._mean)
+        return LocalFit(level, amplitude, slope, rest, np.maximum(ii, 0) * self._mean)

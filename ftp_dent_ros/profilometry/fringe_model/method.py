@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 from functools import cached_property
 
 import cv2
@@ -25,7 +24,13 @@ from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest, wider_than_windows
+from ftp_dent_ros.profilometry.fringe_model.bins import (
+    WIDTH,
+    BinGrid,
+    Nearest,
+    dilated,
+    wider_than_windows,
+)
 from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
 from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, led_to_ends, lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
@@ -44,10 +49,10 @@ from ftp_dent_ros.profilometry.fringe_model.start import (
     fit_planes,
 )
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_code, too_steep
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import wrap
 from ftp_dent_ros.rig.rig import Rig
 
@@ -63,6 +68,9 @@ _RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
 
+# Nodes to each side that a whole window has (two deviations), and in which another surface is seen
+# (two fringes).
+_WHOLE, _NEAR = 2, 5
 # Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
 _CLIPPED, _MOST = 0.4, 0.5
 
@@ -184,7 +192,7 @@ class FringeModel:
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         return _Numbered(
             plain,
-            light.usable * lit * self._within_ends(area, numbered >= 0),
+            light.usable * lit * self._within_ends(area, numbered >= 0, start.surface >= 0),
             lit,
             phase,
             reference,
@@ -239,10 +247,13 @@ class FringeModel:
         lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
         return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
 
-    def _within_ends(self, area: LitArea, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Bins between the ends of the light, or with whole windows on numbered surfaces."""
-        whole: Any = cv2.erode(known.view(np.uint8), np.ones((5, 5), np.uint8))
-        return area.lit | (self.grid.repeated(whole) > 0)
+    def _within_ends(
+        self, area: LitArea, known: NDArray[np.bool_], fringes: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Bins between the ends of the light, with whole windows on a surface, or near another."""
+        whole = ~dilated(~known, _WHOLE, _WHOLE)
+        near = dilated(wider_than_windows(fringes & ~known), _NEAR, _NEAR)
+        return area.lit | self.grid.repeated(whole | near)
 
     def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
         """Raise `OtherPatternError` if planes of another period come nearer to the fringes.

@@ -11,19 +11,22 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import (
+    ROUNDING,
     BinGrid,
     Nearest,
     deconvolved,
+    dilated,
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
+from ftp_dent_ros.profilometry.fringe_model.start import LEAST_NODES
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
 
-# Mean square of the residual about a bin over its scale, beyond which its light is not explained
+# Mean square of the residual about a node over its scale, beyond which its light is not explained
 # (F test at 1e-6, some 12 bins), and from which on it makes the phase less certain.
 _UNEXPLAINED, _UNUSUAL = 30.0, 3.0
 # Standard deviations of what noise alone leaves so unevenly.
@@ -32,10 +35,6 @@ _CHANCE = 2.0
 _VISIBLE = 2.0
 # Share of the bins about that must not be clipped: crests may be.
 _SEEN = 0.4
-# Mean square of rounding to whole levels in a bin, levels^2.
-_ROUNDING = 0.05
-# Nodes that a surface has at least: two rows of windows over some fringes.
-_LEAST_NODES = 30
 # Standard deviation of a phase that is published, radians: a 24th of a fringe.
 _DEVIATION = math.pi / 12
 # Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
@@ -78,11 +77,10 @@ class Points:
         level, amplitude = (np.maximum(grid.at_nodes(x), 0.5) for x in (fit.level, fit.amplitude))
         self._amplitude = amplitude
         share = grid.at_nodes(usable)
-        self._usable = share > 0
         self._seen = _around(share)
         square = usable * fit.residual * fit.residual
         rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
-        scale = np.maximum(fit.scale, np.float32(_ROUNDING))
+        scale = np.maximum(fit.scale, np.float32(ROUNDING))
         explained = rest < _UNEXPLAINED * scale
         visible = grid.at_nodes(fit.amplitude) > _VISIBLE * np.sqrt(scale)
         self._good = explained & visible & (self._seen > _SEEN)
@@ -115,9 +113,9 @@ class Points:
         """Add the surface of some nodes."""
         grid, fit = self._grid, self._fit
         inverse, _ = self._nodes.meet(self._phase)
-        rim = _dilated(self._usable & ~inside, *_BOTH)
+        rim = dilated(~inside, *_BOTH)
         inside = inside & self._good & np.isfinite(inverse)  # a ray may miss its plane
-        if np.count_nonzero(inside) < _LEAST_NODES:
+        if np.count_nonzero(inside) < LEAST_NODES:
             return
         places = grid.node_places
         quadric = quadric_through(places, inverse, inside)
@@ -178,10 +176,10 @@ class Points:
         """
         along_u, along_v = self._grid.fringe
         reach = [math.ceil(_FAR_OFF * n) for n in (along_v, along_u / self._grid.node)]
-        inner = ~_dilated(~certain, 1, 1)
+        inner = ~dilated(~certain, 1, 1)
         other = wider_than_windows(self._good & ~inside)
-        near, others = (_dilated(each, *reach) for each in (certain, other))
-        at_end = _dilated(~near, *(2 * n + 1 for n in reach)) & ~others
+        near, others = (dilated(each, *reach) for each in (certain, other))
+        at_end = dilated(~near, *(2 * n + 1 for n in reach)) & ~others
         share = self._share(near, inner)
         sure = inner | (certain & ~at_end)
         lit = near & at_end & (share > SHARE) & (self._seen > _SEEN)
@@ -206,13 +204,6 @@ class Points:
 def _around(nodes: NDArray[np.float32]) -> NDArray[Any]:
     """Means over a node and those beside it."""
     return cv2.blur(nodes, (3, 3))
-
-
-def _dilated(nodes: NDArray[np.bool_], rows: int, columns: int) -> NDArray[np.bool_]:
-    """What is within so many rows and columns of nodes."""
-    box = np.ones((2 * rows + 1, 2 * columns + 1), np.uint8)
-    near: NDArray[np.bool_] = cv2.dilate(nodes.view(np.uint8), box) > 0
-    return near
 
 
 def within_panel(rig: Rig, pattern: Pattern, phase, v_p) -> NDArray[np.floating]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
@@ -27,8 +27,6 @@ _EVERY = 3
 _SCALE = 4.0
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
 _REDESCENDS = 2.0
-# Mean square of rounding to whole levels in a bin, levels^2.
-_ROUNDING = 0.05
 # Least mean weight of a window that may be taken.
 _LEAST_WEIGHT = 0.05
 
@@ -138,7 +136,7 @@ class Solver:
 
     def _weight(self, usable, residual) -> NDArray[np.float32]:
         """Weights of the bins (eq. 5)."""
-        scale = np.maximum(self._scale(usable, residual), np.float32(_ROUNDING))
+        scale = np.maximum(self._scale(usable, residual), np.float32(ROUNDING))
         limit = self.grid.at_bins(1 / (np.float32(_REDESCENDS**2) * scale))
         far = residual * residual
         far *= limit
@@ -190,7 +188,7 @@ class Solver:
         the sides the phase goes on in a straight line.
         """
         enough = windows.weight > _LEAST_WEIGHT
-        rest = np.where(enough, change.rest + np.float32(_ROUNDING), np.float32(np.inf))
+        rest = np.where(enough, change.rest + np.float32(ROUNDING), np.float32(np.inf))
         step = self.grid.node
         beside = np.minimum.reduce([_moved(rest, round(u / step), v) for u, v in self._sides])
         across = self.grid.repeated(rest > self._across * beside)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
@@ -27,8 +27,6 @@ _DEVIATION, _JUMP = math.pi / 6, math.pi / 2
 _CLEARER, _LEAP = 4.3, 1.0
 # Windows beside, fringes away.
 _BESIDE = 1.25, 2.5
-# Mean square of rounding to whole levels in a bin, levels^2.
-_ROUNDING = 0.05
 # Share of what a surface's own phase explains that a plane does that comes near to it.
 _NEAR = 0.5
 #: Nodes that a surface has at least: two rows of windows over some fringes.
@@ -223,7 +221,7 @@ def _edges(
             far.append(_moved(wrapped, *places[1]))
             beside.append(_moved(rest, *places[0]))
             within = within & _moved(seen, *places[1])
-        mixed = fringes & (rest > _CLEARER * (np.minimum(*beside) + _ROUNDING) + least)
+        mixed = fringes & (rest > _CLEARER * (np.minimum(*beside) + ROUNDING) + least)
         rim |= mixed & ~within
         shown = mixed & within
         for one, other in ((0, 1), (1, 0)):
