@@ -49,10 +49,10 @@ from ftp_dent_ros.profilometry.fringe_model.start import (
     fit_planes,
 )
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_code, too_steep
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import wrap
 from ftp_dent_ros.rig.rig import Rig
 
