@@ -88,7 +88,7 @@ def denoise(
     floor = np.float32(_OF_WINDOWS) * posterior
     low, lows = phase * mask, [each * mask for each in changes]
     kept, variance, noise = (np.zeros_like(phase) for _ in range(3))
-    finest, lost, octaves_lost = (np.ones_like(phase) for _ in range(3))
+    finest = np.ones_like(phase)
     for octave in range(_OCTAVES):
         width = WIDTH * 2**octave
         smooth, *smooths = (mean.flat_top(x, width) for x in (low, *lows))
@@ -111,12 +111,10 @@ def denoise(
         if not octave:  # windows miss as much of dents three fringes wide
             variance = variance + signal
         finest = finest if octave else gain
-        lost = lost * (1 - gain)
-        octaves_lost = octaves_lost * np.exp2(lost)
         low, lows = smooth, smooths
     # At rims the widest windows are cut.
     variance = variance + np.float32(_BEYOND) * noise / np.square(mean.share(width))
-    return Denoised((kept + low) * mask, variance, finest, _FINEST * octaves_lost)
+    return Denoised((kept + low) * mask, variance, finest, _FINEST * np.ones_like(phase))
 
 
 class _Means:
