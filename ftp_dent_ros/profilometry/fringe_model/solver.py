@@ -17,8 +17,10 @@ from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 # Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each:
 # of details 1.3 fringes long half the depth is there at last.
 _ROUNDS, _SHARPENED = 4, 2
-# Fringes from the centred window to those at its sides: an edge between is two deviations off.
-_ASIDE = 1.0
+# Round that chooses windows: the one before resolves what detail it can, which is no edge.
+_CHOICE = 1
+# Fringes from the centred window to those at its sides: an edge at its own is three deviations off.
+_ASIDE = 1.5
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
 # Every how many bins show the waveform's unknowns.
@@ -100,7 +102,7 @@ class Solver:
         for number in range(_ROUNDS):
             wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
-            if number:
+            if number > _CHOICE:
                 weight = self._weight(usable, residual)
             slope *= fit.amplitude
             windows = Windows(grid, wave, slope, weight)
@@ -113,7 +115,7 @@ class Solver:
             level, amplitude, shift = (grid.at_bins(each) for each in sharp)
             np.clip(shift, -1, 1, out=shift)
             fitted = level + fit.level, amplitude + fit.amplitude, fit.phase + shift - reference
-            if not number:  # later windows go on from the choice
+            if number == _CHOICE:  # later windows go on from there
                 fitted = self._clearest(light, usable, fit, fitted, windows, change, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
