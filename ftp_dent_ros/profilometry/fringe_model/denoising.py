@@ -35,9 +35,6 @@ _LEFT = 0.58
 _FALLS = 1.0, 0.5
 # Noise beyond the widest window over the last octave's: a quarter, and a quarter of that, and on.
 _BEYOND = 0.33
-# Wavelength of which half the depth is left after the solver's rounds, fringes; each octave that
-# is left out doubles it.
-_FINEST = 1.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +49,11 @@ class Denoised:
         Mean square error: noise that is left, and signal that is not; radians^2.
     finest : ndarray
         Gain of the finest octave.
-    wavelength : ndarray
-        At which half of a detail's depth is left, fringes.
     """
 
     phase: NDArray[np.float32]
     variance: NDArray[np.float32]
     finest: NDArray[np.float32]
-    wavelength: NDArray[np.float32]
 
 
 def denoise(
@@ -114,7 +108,7 @@ def denoise(
         low, lows = smooth, smooths
     # At rims the widest windows are cut.
     variance = variance + np.float32(_BEYOND) * noise / np.square(mean.share(width))
-    return Denoised((kept + low) * mask, variance, finest, _FINEST * np.ones_like(phase))
+    return Denoised((kept + low) * mask, variance, finest)
 
 
 class _Means:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 from ftp_dent_ros.profilometry.fringe_model.quadric import Quadric
+from ftp_dent_ros.profilometry.fringe_model.solver import RESOLVED
 from ftp_dent_ros.profilometry.phase_geometry import rays_at
 from ftp_dent_ros.rig.rig import Rig
 
@@ -36,8 +37,6 @@ class Sheet:
         Inverse depth about the quadric's, at the bins.
     deviation : ndarray, shape (rows, nodes), float32
         Standard deviation along the rays, metres.
-    wavelength : ndarray, shape (rows, nodes), float32
-        At which half of a detail's depth is left, fringes.
     amplitude : ndarray, shape (rows, nodes), float32
         Of the fringes, grey levels.
     share : ndarray, shape (rows, nodes), float32
@@ -51,7 +50,6 @@ class Sheet:
     quadric: Quadric
     away: NDArray[np.float32]
     deviation: NDArray[np.float32]
-    wavelength: NDArray[np.float32]
     amplitude: NDArray[np.float32]
     share: NDArray[np.float32]
     sure: NDArray[np.bool_]
@@ -74,7 +72,7 @@ class Pixels:
         self._grid, self._stride = grid, stride
         self._columns, self._rows = (np.arange(0, n, stride) for n in (grid.width, grid.height))
         self._rays = rays_at(rig.camera, self._columns, self._rows)
-        self._per_pixel = np.float32(grid.period / rig.camera.camera_matrix[0, 0])
+        self._resolution = np.float32(RESOLVED * grid.period / rig.camera.camera_matrix[0, 0])
 
     def cloud(self, sheets: Sequence[Sheet]) -> Cloud:
         """Cloud of surfaces; the later ones lie over the others."""
@@ -104,7 +102,7 @@ class Pixels:
             *((point[..., i], each) for i, each in enumerate((x * z, y * z, z))),
             (cloud.intensity[rows], self._at(sheet.amplitude, rows)),
             (cloud.sigma[rows], sigma),
-            (cloud.resolution[rows], self._at(sheet.wavelength, rows) * self._per_pixel * z),
+            (cloud.resolution[rows], self._resolution * z),
         ):
             np.copyto(field, values, where=on)
 

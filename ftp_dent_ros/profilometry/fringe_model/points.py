@@ -139,9 +139,9 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        self._keep(inside, certain, quadric, phase, at_nodes, variance, denoised.wavelength)
+        self._keep(inside, certain, quadric, phase, at_nodes, variance)
 
-    def _keep(self, inside, certain, quadric, phase, at_nodes, variance, wavelength) -> None:
+    def _keep(self, inside, certain, quadric, phase, at_nodes, variance) -> None:
         """Keep what is certain enough, and lit by the panel."""
         grid = self._grid
         sure, share, good = self._ends(inside, certain)
@@ -154,13 +154,11 @@ class Points:
         stripe = own & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else own])
         away = Nearest(own)((inverse - quadric.at(*grid.bin_places)).astype(np.float32))
-        led_on = Nearest(certain)
         self.sheets.append(
             Sheet(
                 quadric,
                 deconvolved(away, grid.step, grid.rows),
-                self._nodes.deviation(at_nodes, led_on(variance)),
-                led_on(wavelength),
+                self._nodes.deviation(at_nodes, Nearest(certain)(variance)),
                 self._amplitude,
                 share,
                 sure,

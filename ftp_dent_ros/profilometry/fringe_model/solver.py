@@ -14,9 +14,10 @@ from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
-# Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each:
-# of details 1.3 fringes long half the depth is there at last.
+# Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each.
 _ROUNDS, _SHARPENED = 4, 2
+#: Wavelength of which half the depth is there after them, fringes.
+RESOLVED = 1.45
 # Round that chooses windows: the one before resolves what detail it can, which is no edge.
 _CHOICE = 1
 # Fringes from the centred window to those at its sides: an edge at its own is three deviations off.

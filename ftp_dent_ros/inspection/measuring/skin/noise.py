@@ -20,7 +20,7 @@ _ENOUGH = 5000
 _LEAST = 5e-7
 # Over which noise of points is correlated: as a part of the wavelength that they show by half, a
 # fringe (measured on dirty and on clean skin); metres where that is not known.
-_PART, _SHORT = 0.75, 1.5e-3
+_PART, _SHORT = 0.67, 1.5e-3
 # Bounds of what points really stray, as a part of what their cloud tells of them. Never less: most
 # points stray less where the cloud is in doubt, a few as much as it says.
 _TOLD = 1.0, 1.5
