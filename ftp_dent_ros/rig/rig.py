@@ -55,6 +55,12 @@ class Lens:
         matrix = self.camera_matrix[[1, 0, 2]][:, [1, 0, 2]]
         return Lens(self.height, self.width, matrix, self.distortion[[0, 1, 3, 2, 4]])
 
+    def padded(self, pixels: int) -> Lens:
+        """The same lens before an image that is so many pixels larger at each border."""
+        matrix = self.camera_matrix.copy()
+        matrix[:2, 2] += pixels
+        return Lens(self.width + 2 * pixels, self.height + 2 * pixels, matrix, self.distortion)
+
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
         """Project points of shape (..., 3) in this lens's frame to pixels, shape (..., 2)."""
         points = np.asarray(points, float)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,7 +16,7 @@ from ftp_dent_ros.errors import ImageError
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.paint import sampled
-from ftp_dent_ros.simulation.sensor import Image, Photometry, read_out, speckle
+from ftp_dent_ros.simulation.sensor import Image, Photometry, reach_of, read_out, speckle
 from ftp_dent_ros.simulation.surface import Surface, paint_on, sun_on
 from ftp_dent_ros.simulation.view import (
     CameraMotion,
@@ -215,7 +217,11 @@ class Renderer:
             Of the surface during the exposure.
         """
         rng = rng or np.random.default_rng(0)
-        return read_out(self.signal(surface, rng, motion), self.photometry, rng)
+        # The lens brings in light from beyond the image.
+        wider = copy.copy(self)
+        camera = self.rig.camera.padded(reach_of(self.photometry.psf_px))
+        wider.rig = replace(self.rig, camera=camera)
+        return read_out(wider.signal(surface, rng, motion), self.photometry, rng)
 
     def render(
         self,

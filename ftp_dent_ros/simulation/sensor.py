@@ -98,6 +98,11 @@ class Photometry(Checked):
             self.refuse('jpeg_quality', '0 for what is neither rgb8 nor mono8')
 
 
+def reach_of(sigma: float) -> int:
+    """How far a blur of `sigma` pixels brings light, pixels."""
+    return math.ceil(4 * sigma)
+
+
 def blur(image: Image, sigma: float) -> Image:
     """Blur an image of camera pixels by `sigma` pixels, also where sigma is well below one.
 
@@ -106,7 +111,7 @@ def blur(image: Image, sigma: float) -> Image:
     """
     if sigma == 0:
         return image
-    reach = math.ceil(4 * sigma)
+    reach = reach_of(sigma)
     kernel = ive(np.arange(-reach, reach + 1), sigma * sigma)
     kernel /= kernel.sum()
     return cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
@@ -130,8 +135,9 @@ def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) ->
 
     Parameters
     ----------
-    signal : ndarray, shape (3, height, width), float32
-        Red, green and blue; 1 saturates.
+    signal : ndarray, shape (3, rows, columns), float32
+        Red, green and blue; 1 saturates. It is larger than the image at each border by what the
+        lens's blur reaches.
     photometry : Photometry
     rng : numpy.random.Generator
 
@@ -161,7 +167,9 @@ def _digitised(
     signal: Image, photometry: Photometry, rng: np.random.Generator, white: int
 ) -> NDArray[Any]:
     """Levels of one colour, shape (height, width), up to `white`."""
-    level = 255 * blur(signal, photometry.psf_px)
+    beyond = reach_of(photometry.psf_px)
+    rows, columns = (slice(beyond, n - beyond) for n in signal.shape)
+    level = 255 * blur(signal, photometry.psf_px)[rows, columns]
     deviation = level * np.float32(255 / photometry.full_well)
     deviation += np.float32(photometry.read_noise**2)
     np.sqrt(deviation, out=deviation)
