@@ -24,7 +24,7 @@ PLANES = 2.0, 4.0, 8.0
 _DEVIATION, _JUMP = math.pi / 6, math.pi / 2
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
 # and what the phase beyond most of it is off the straight line, radians: dents on it leave 0.6.
-_CLEARER, _LEAP = 4.3, 1.0
+_CLEARER, _LEAP = 4.3, 0.6
 # Windows beside, fringes away.
 _BESIDE = 1.25, 2.5
 # Share of what a surface's own phase explains that a plane does that comes near to it.
@@ -205,7 +205,7 @@ def _edges(
     near_by, far_by = _BESIDE
     ahead = (far_by + near_by) / (far_by - near_by)
     edge, rim = (np.zeros(wrapped.shape, bool) for _ in range(2))
-    leap = np.zeros(wrapped.shape, np.float32)
+    leap = np.full(wrapped.shape, -1, np.float32)
     for u, v in ((1, 0), (0, 1)):
         near, far, beside, within = [], [], [], fringes
         seen = fringes.copy()  # what is moved in from beyond the picture is its rim
@@ -224,15 +224,16 @@ def _edges(
         mixed = fringes & (rest > _CLEARER * (np.minimum(*beside) + ROUNDING) + least)
         rim |= mixed & ~within
         shown = mixed & within
+        crest = shown & (rest >= _moved(rest, u, v)) & (rest >= _moved(rest, -u, -v))
         for one, other in ((0, 1), (1, 0)):
             met = near[one] + ahead * wrap(near[one] - far[one])
-            leap = np.where(shown, np.maximum(leap, np.abs(wrap(met - far[other]))), leap)
+            leap = np.where(crest, np.maximum(leap, np.abs(wrap(met - far[other]))), leap)
         edge |= shown
     # Along one edge two phases drift, and meet here and there by chance; all of it leaps, or none.
     joined: Any = cv2.dilate(edge.view(np.uint8), np.ones((3, 3), np.uint8))
     count, line = cv2.connectedComponents(joined)
     usual = np.zeros(count)
-    usual[1:] = ndimage.median(leap, np.where(edge, line, 0), np.arange(1, count))
+    usual[1:] = ndimage.median(leap, np.where(leap >= 0, line, 0), np.arange(1, count))
     return edge, rim | ((joined > 0) & (usual > _LEAP)[line])
 
 

@@ -166,6 +166,17 @@ def measured_noise(
         rough = rough[:: 1 + len(rough) // _ENOUGH]
         strayed = np.abs(deviation.ravel()[rough]) / told.ravel()[rough]
         really = float(np.clip(NORMAL_SPREAD * median(strayed), *_TOLD))
+        first = median(strayed)
+        rr = []
+        for values, scale in zip(maps, scales, strict=True):
+            st = np.abs(values.ravel()[rough]) / told.ravel()[rough]
+            st = st[np.isfinite(st)]
+            if len(st) < 50: continue
+            q = min(max(median(st) / first, 0.02), 0.98)
+            rr.append(scale / math.sqrt(1 / q**2 - 1))
+        if rr: reach = float(np.median(rr))
+        import os
+        if os.environ.get('SHOWR'): print('reach', reach*1e3, [round(1e3*r,2) for r in rr], 'really', really, NORMAL_SPREAD*first)
         extra = np.float32(really) * told
         explained = median(extra.ravel()[calm])
     common = []
