@@ -20,7 +20,7 @@ _ROUNDS, _SHARPENED = 4, 2
 RESOLVED = 1.45
 # Round that chooses windows: the one before resolves what detail it can, which is no edge.
 _CHOICE = 1
-# Fringes from the centred window to those at its sides: an edge at its own is three deviations off.
+# Fringes from the centred window to those at its sides: an edge there is three deviations off.
 _ASIDE = 1.5
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5

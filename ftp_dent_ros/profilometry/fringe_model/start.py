@@ -23,8 +23,9 @@ PLANES = 2.0, 4.0, 8.0
 # between nodes that does not tie two of them.
 _DEVIATION, _JUMP = math.pi / 6, math.pi / 2
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
-# and what the phase beyond most of it is off the straight line, radians: dents on it leave 0.6.
-_CLEARER, _LEAP = 4.3, 0.6
+# and what the phase beyond most of it is off the straight line, radians: half of them beside an
+# edge of paint or light alone are within 0.1 to 0.15.
+_CLEARER, _LEAP = 4.3, 0.2
 # Windows beside, fringes away.
 _BESIDE = 1.25, 2.5
 # Share of what a surface's own phase explains that a plane does that comes near to it.

@@ -20,7 +20,7 @@ TENTH = 4.292
 FITTED = 0.5
 #: Standard deviations of bare skin whose noise is measured all over it: with 1e4 independent
 # places a frame, far below one false alarm in 100.
-SIGNIFICANT = 6.0
+SIGNIFICANT = 5.0
 # The same of a single place that is in doubt.
 SUSPECT = 3.0
 # Marks that chance alone may list, per square metre.

@@ -18,9 +18,9 @@ from ftp_dent_ros.robust import NORMAL_SPREAD, median
 _ENOUGH = 5000
 # Below this no cloud is trusted, metres.
 _LEAST = 5e-7
-# Over which noise of points is correlated: as a part of the wavelength that they show by half, a
-# fringe (measured on dirty and on clean skin); metres where that is not known.
-_PART, _SHORT = 0.67, 1.5e-3
+# Over which noise is correlated where the cloud tells none, metres; and bounds of what smoothing
+# leaves of noise, beyond which its correlation does not matter.
+_SHORT, _LEFT = 1.5e-3, (0.02, 0.98)
 # Bounds of what points really stray, as a part of what their cloud tells of them. Never less: most
 # points stray less where the cloud is in doubt, a few as much as it says.
 _TOLD = 1.0, 1.5
@@ -37,7 +37,7 @@ class Noise:
 
     Two parts: what the cloud tells of each place, in the measure in which its points stray (the
     variance of unit weight of an adjustment), which falls with the scale like noise that is
-    correlated over a fringe; and what is everywhere alike beyond that, measured at each scale.
+    correlated over a `reach`; and what is everywhere alike beyond that, measured at each scale.
 
     Attributes
     ----------
@@ -88,10 +88,19 @@ class Noise:
         return float(4 * math.pi * max(np.max((self.scales * ratio) ** 2), self.reach**2))
 
 
-def reach_of(resolution: NDArray) -> float:
-    """Over which the noise of points of a resolution is correlated, metres."""
-    known = resolution[np.isfinite(resolution)]
-    return _PART * median_of(known) if len(known) else _SHORT
+def _strayed(values: Map, told: Map, cells: NDArray[np.intp]) -> float:
+    """Median of what some cells stray, over what their cloud tells."""
+    ratio = np.abs(values.ravel()[cells]) / told.ravel()[cells]
+    return median(ratio[np.isfinite(ratio)])
+
+
+def _correlated(strayed: list[float], scales: tuple[float, ...]) -> float:
+    """Over which noise is correlated, metres, as smoothing by each scale leaves it."""
+    left = np.clip(np.array(strayed[1:]) / strayed[0], *_LEFT)
+    known = np.isfinite(left)
+    if not known.any():
+        return _SHORT
+    return float(np.median(np.array(scales)[known] / np.sqrt(1 / np.square(left[known]) - 1)))
 
 
 def _left(scale: float, reach: float) -> float:
@@ -160,23 +169,13 @@ def measured_noise(
     calm = np.flatnonzero(sample & (extra <= usual))
     calm = calm[:: 1 + len(calm) // _ENOUGH]
     explained = 0.0
-    reach = _SHORT if lattice.resolution is None else reach_of(lattice.resolution[sample])
+    reach = _SHORT
     if told is not None:
         rough = np.flatnonzero(sample & (told >= usual))
         rough = rough[:: 1 + len(rough) // _ENOUGH]
-        strayed = np.abs(deviation.ravel()[rough]) / told.ravel()[rough]
-        really = float(np.clip(NORMAL_SPREAD * median(strayed), *_TOLD))
-        first = median(strayed)
-        rr = []
-        for values, scale in zip(maps, scales, strict=True):
-            st = np.abs(values.ravel()[rough]) / told.ravel()[rough]
-            st = st[np.isfinite(st)]
-            if len(st) < 50: continue
-            q = min(max(median(st) / first, 0.02), 0.98)
-            rr.append(scale / math.sqrt(1 / q**2 - 1))
-        if rr: reach = float(np.median(rr))
-        import os
-        if os.environ.get('SHOWR'): print('reach', reach*1e3, [round(1e3*r,2) for r in rr], 'really', really, NORMAL_SPREAD*first)
+        strayed = [_strayed(values, told, rough) for values in (deviation, *maps)]
+        really = float(np.clip(NORMAL_SPREAD * strayed[0], *_TOLD))
+        reach = _correlated(strayed, scales)
         extra = np.float32(really) * told
         explained = median(extra.ravel()[calm])
     common = []
