@@ -28,8 +28,6 @@ _OF_WINDOWS = 1.36
 _CHANCE = 0.5
 # Widths of windows over which energy and noise are means: 2 and 9 windows count.
 _OF_ENERGY, _OF_NOISE = 1.5, 3.0
-# Share of Gaussian noise's mean square that is left under Geman and McClure's weights.
-_LEFT = 0.58
 # From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
 # pass the windows of the fit alike.
 _FALLS = 1.0, 0.5
@@ -134,13 +132,8 @@ class _Means:
         return mean + self.of(values - mean, fringes)
 
     def variance(self, change, fringes):
-        """Mean square of a change; edges count little."""
-        square = change * change
-        # Of a Gaussian, by the mean of its absolute values.
-        scale = np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
-        weight = self._mask / np.square(1 + square / (4 * scale + np.float32(1e-12)))
-        mean = self._grid.smooth_nodes(square * weight, fringes) / self._share_of(weight, fringes)
-        return mean / np.float32(_LEFT)
+        """Mean square of a Gaussian change, by the mean of its absolute values: edges count less."""
+        return np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
 
     def _share_of(self, weight, fringes):
         return np.maximum(self._grid.smooth_nodes(weight, fringes), np.float32(1e-3))

@@ -353,7 +353,8 @@ class FringeModel:
         along_u, along_v = self.grid.fringe
         size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
         near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
-        near &= ~wider_than_windows((start.surface >= 0) & ~known)
+        other = wider_than_windows((start.surface >= 0) & ~known)
+        near &= Nearest(known | other)(known)
         surface = np.where(near, label, -1)
         return reference + self.grid.at_bins(away), reference, surface
 

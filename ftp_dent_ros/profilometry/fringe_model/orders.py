@@ -25,8 +25,8 @@ _CELLS, _HIGH = 2, 1.0
 # Share of the code's light that noise leaves: a limit of logarithms.
 _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
-_GAINS = (0.15, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)
-_SCATTERS = (0.02, 0.05, 0.1, 0.2, 0.4)
+_GAINS = (0.15, 0.3, 0.55, 1.0, 1.8)
+_SCATTERS = (0.03, 0.1, 0.3)
 # Those by which the likeliest orders are found, and so many of them are held against each other.
 _USUAL, _RIVALS = (0.1, 0.7), 4
 # Degrees of freedom of the steps' Student t: paint's edges are far out.

@@ -77,6 +77,7 @@ class Points:
         level, amplitude = (np.maximum(grid.at_nodes(x), 0.5) for x in (fit.level, fit.amplitude))
         self._amplitude = amplitude
         share = grid.at_nodes(usable)
+        self._usable = share > 0
         self._seen = _around(share)
         square = usable * fit.residual * fit.residual
         rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
@@ -113,7 +114,7 @@ class Points:
         """Add the surface of some nodes."""
         grid, fit = self._grid, self._fit
         inverse, _ = self._nodes.meet(self._phase)
-        rim = dilated(~inside, *_BOTH)
+        rim = dilated(self._usable & ~inside, *_BOTH)
         inside = inside & self._good & np.isfinite(inverse)  # a ray may miss its plane
         if np.count_nonzero(inside) < LEAST_NODES:
             return

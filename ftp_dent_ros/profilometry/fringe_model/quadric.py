@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 # Fits, each with the weights of what the last one left (Geman and McClure's function).
 _FITS = 5
 # Points that a fit is through, about: six unknowns need no more.
-_POINTS = 4000
+_POINTS = 1500
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ _ASIDE = 1.5
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
 # Every how many bins show the waveform's unknowns.
-_EVERY = 3
+_EVERY = 5
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).

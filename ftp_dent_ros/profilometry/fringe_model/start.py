@@ -23,11 +23,11 @@ PLANES = 2.0, 4.0, 8.0
 # between nodes that does not tie two of them.
 _DEVIATION, _JUMP = math.pi / 6, math.pi / 2
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
-# and what the phase beyond most of it is off the straight line, radians: half of them beside an
-# edge of paint or light alone are within 0.1 to 0.15.
-_CLEARER, _LEAP = 4.3, 0.2
+# and what the phases of both sides are apart where they meet at most of it, radians: edges of
+# paint or light leave 0.17 at most.
+_CLEARER, _LEAP = 4.3, 0.22
 # Windows beside, fringes away.
-_BESIDE = 1.25, 2.5
+_BESIDE = 1.5, 3.0
 # Share of what a surface's own phase explains that a plane does that comes near to it.
 _NEAR = 0.5
 #: Nodes that a surface has at least: two rows of windows over some fringes.
@@ -204,7 +204,7 @@ def _edges(
     """
     along_u, along_v = grid.fringe[0] / grid.node, grid.fringe[1]
     near_by, far_by = _BESIDE
-    ahead = (far_by + near_by) / (far_by - near_by)
+    onwards = near_by / (far_by - near_by)
     edge, rim = (np.zeros(wrapped.shape, bool) for _ in range(2))
     leap = np.full(wrapped.shape, -1, np.float32)
     for u, v in ((1, 0), (0, 1)):
@@ -226,9 +226,8 @@ def _edges(
         rim |= mixed & ~within
         shown = mixed & within
         crest = shown & (rest >= _moved(rest, u, v)) & (rest >= _moved(rest, -u, -v))
-        for one, other in ((0, 1), (1, 0)):
-            met = near[one] + ahead * wrap(near[one] - far[one])
-            leap = np.where(crest, np.maximum(leap, np.abs(wrap(met - far[other]))), leap)
+        before, after = (n + onwards * wrap(n - f) for n, f in zip(near, far, strict=True))
+        leap = np.where(crest, np.maximum(leap, np.abs(wrap(after - before))), leap)
         edge |= shown
     # Along one edge two phases drift, and meet here and there by chance; all of it leaps, or none.
     joined: Any = cv2.dilate(edge.view(np.uint8), np.ones((3, 3), np.uint8))
