@@ -19,7 +19,7 @@ from ftp_dent_ros.rig.rig import Rig
 # Standard deviation of a point over its distance, beyond which it is none.
 _FAR = 0.1
 #: Share of the light that is there at the rim, which the lens blurs.
-SHARE = 0.8
+SHARE = 0.75
 #: Projector pixels at the panel's rim that the lens blurs.
 RIM = 1.5
 # Rows of the cloud whose planes stay in the cache.
