@@ -1,4 +1,4 @@
-"""The method of one model: points on the skin, errors as they are stated, orders or none."""
+"""The default method: points on the skin, errors as they are stated, orders or none."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ import pytest
 from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
 
 from ftp_dent_ros.errors import NoStripeError, TooDarkError
-from ftp_dent_ros.profilometry import Reconstructor, Settings
+from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Surface
 from ftp_dent_ros.simulation.dents import Gaussian
 
 CODED = replace(PATTERN, code='contrast')
-MODEL = Settings('fringe-model')
 
 
 def measured(scene: Scene, pattern=PATTERN):
     """The cloud, and its errors in millimetres and in its own sigmas."""
-    cloud = Reconstructor(scene.rig, pattern, MODEL).reconstruct(scene.image)
+    cloud = Reconstructor(scene.rig, pattern).reconstruct(scene.image)
     errors = scene.errors_mm(cloud)
     return cloud, errors, errors / (cloud.sigma[cloud.valid] * 1e3)
 
@@ -91,13 +90,13 @@ def test_a_bend_keeps_its_depth(x):
 
 
 def test_the_same_photograph_gives_the_same_bits(scene):
-    reconstructor = Reconstructor(RIG, PATTERN, MODEL)
+    reconstructor = Reconstructor(RIG, PATTERN)
     first, second = (reconstructor.reconstruct(scene('flat').image) for _ in range(2))
     assert first.points.tobytes() == second.points.tobytes()
 
 
 def test_the_dark_and_fringes_without_a_number_are_refused(scene):
-    reconstructor = Reconstructor(RIG, PATTERN, MODEL)
+    reconstructor = Reconstructor(RIG, PATTERN)
     image = scene('flat').image
     with pytest.raises(TooDarkError, match='projector on'):
         reconstructor.reconstruct(np.full_like(image, 3))

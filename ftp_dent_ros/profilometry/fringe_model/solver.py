@@ -117,6 +117,7 @@ class Solver:
             np.clip(shift, -1, 1, out=shift)
             fitted = level + fit.level, amplitude + fit.amplitude, fit.phase + shift - reference
             if number == _CHOICE:  # later windows go on from there
+                del residual, shift  # for the memory that the choice takes
                 fitted = self._clearest(light, usable, fit, fitted, windows, change, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
