@@ -132,7 +132,7 @@ class _Means:
         return mean + self.of(values - mean, fringes)
 
     def variance(self, change, fringes):
-        """Mean square of a Gaussian change, by the mean of its absolute values: edges count less."""
+        """Mean square of a Gaussian change, by its mean absolute value: edges count less."""
         return np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
 
     def _share_of(self, weight, fringes):

@@ -173,9 +173,9 @@ def measured_noise(
     if told is not None:
         rough = np.flatnonzero(sample & (told >= usual))
         rough = rough[:: 1 + len(rough) // _ENOUGH]
-        strayed = [_strayed(values, told, rough) for values in (deviation, *maps)]
-        really = float(np.clip(NORMAL_SPREAD * strayed[0], *_TOLD))
-        reach = _correlated(strayed, scales)
+        ratios = [_strayed(values, told, rough) for values in (deviation, *maps)]
+        really = float(np.clip(NORMAL_SPREAD * ratios[0], *_TOLD))
+        reach = _correlated(ratios, scales)
         extra = np.float32(really) * told
         explained = median(extra.ravel()[calm])
     common = []
