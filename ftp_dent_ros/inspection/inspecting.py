@@ -208,7 +208,6 @@ def _frame(number: int, observation: SeenCloud, found: Inspection, vertices: int
         waviness=found.waviness,
         dents=len(found.dents),
         others=len(found.others),
-        has_skin=bool(cloud.skin.any()),
         mesh=mesh_of(cloud.points, found.deviation, observation.pose or IDENTITY, vertices),
         pose=observation.vehicle,
         covariance=None if covariance is None or not covariance.any() else covariance,

@@ -183,7 +183,6 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
         ),
         ('Measured area', f'{area:.0f} cm²' + (', overlaps counted twice' * (len(frames) > 1))),
         ('Looked for', f'dents of {depth:g} mm depth and {width:g} mm width, and larger'),
-        ('Marks of gouges', _marks(frames)),
         ('Would have been found', _findable(frames, report.settings.smallest_depth)),
         ('Not measured', _not_measured(report)),
         ('Waviness', _waviness(frames)),
@@ -198,14 +197,6 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
     if report.rules:
         facts.append(('Limits', report.rules.title or report.rules.reference or 'given'))
     return facts
-
-
-def _marks(frames: Sequence[ReportedCloud]) -> str:
-    without = sum(not frame.has_skin for frame in frames)
-    if not without:
-        return 'looked for in the image of the skin'
-    clouds = f'{without} of {len(frames)} clouds have' if len(frames) > 1 else 'the cloud has'
-    return f'{clouds} no image of the skin: narrow gouges were not looked for there'
 
 
 def _findable(frames: Sequence[ReportedCloud], smallest_depth: float) -> str:

@@ -109,7 +109,6 @@ def _frame_record(frame: ReportedCloud) -> dict[str, Any]:
         'not_measured': None
         if frame.coverage is None
         else {'share': 1 - frame.coverage.share, 'reasons': dict(frame.coverage.missing)},
-        'marks_of_gouges_looked_for': frame.has_skin,
         'waviness': [
             {
                 'amplitude_mm': wave.amplitude * 1e3,

@@ -65,8 +65,6 @@ class ReportedCloud:
     waviness : tuple of Waviness
     dents, others : int
         How many it shows.
-    has_skin : bool
-        Whether the image of its skin was there, whose narrow marks tell gouges.
     mesh : ndarray, shape (rows, columns, 4), float32
         As of `mesh_of`, in the report's frame.
     pose : Pose, optional
@@ -88,7 +86,6 @@ class ReportedCloud:
     waviness: tuple[Waviness, ...]
     dents: int
     others: int
-    has_skin: bool
     mesh: NDArray[np.float32]
     pose: Pose | None = None
     covariance: NDArray[np.float64] | None = None

@@ -21,18 +21,10 @@ from ftp_dent_ros.inspection.measuring.hidden import hidden_dent
 from ftp_dent_ros.inspection.measuring.measurement import measure
 from ftp_dent_ros.inspection.measuring.places.bare_skin import bare_skin
 from ftp_dent_ros.inspection.measuring.places.detection import find_candidates
-from ftp_dent_ros.inspection.measuring.places.gouges import (
-    FEIGNED,
-    gouge_under,
-    is_along,
-    may_be_feigned,
-)
-from ftp_dent_ros.inspection.measuring.places.narrow_marks import narrow_marks
 from ftp_dent_ros.inspection.measuring.places.steps import find_steps
 from ftp_dent_ros.inspection.measuring.places.surroundings import surroundings_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.panels import Panel, find_panels, seam
-from ftp_dent_ros.inspection.measuring.skin.strips import given_back
 from ftp_dent_ros.inspection.measuring.skin.waviness import CUTOFF, waviness_of
 
 # Cells beside a border of two panels where the reconstruction blurs one into the other.
@@ -71,12 +63,9 @@ def inspect(
         raise CloudError(
             'no part of the cloud is large enough to know the skin: come closer, or light more'
         )
-    panels, labels, strips = given_back(lattice, panels, labels, settings)
-    seams = seam(labels, _SEAM) | strips
+    seams = seam(labels, _SEAM)
     found: list[MeasuredDent] = find_steps(lattice, panels, labels, seams, settings)
     wavy: list[Waviness] = []
-    marks = narrow_marks(cloud.skin, lattice, settings.smallest_width)
-    gouges: list[MeasuredDent] = []
     shape = cloud.points.shape[:2]
     fine = lattice.spread(labels, shape)
     deviation = np.full(shape, np.nan, np.float32)
@@ -98,18 +87,6 @@ def inspect(
             whole = [] if around is None else measure(candidate, around, skin, settings)
             whole = [_unless_shape(dent, panel, settings) for dent in whole]
             found += whole or hidden_dent(candidate, lattice, skin, settings)
-        for mark in marks:
-            if fine[mark.rows, mark.columns].min() == fine[mark.rows, mark.columns].max() == index:
-                gouges += gouge_under(mark, len(marks), cloud, deviation, lattice, skin, settings)
-    found = [
-        replace(dent, kind='other', reason=FEIGNED)
-        if dent.kind in ('crease', 'gouge') and may_be_feigned(dent, marks, lattice)
-        else dent
-        for dent in found
-        if not _is_gouge(dent, [each for each in gouges if each.kind == 'gouge'])
-    ]
-    # Where something else is listed, a mark tells no more of it.
-    found += [each for each in gouges if each.kind == 'gouge' or not _is_told(each, found)]
     found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
@@ -147,25 +124,6 @@ def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:
     return dent.kind == 'other' and any(
         apart < other.length.value / 2 and other.length.value > dent.length.value
         for other, apart in alike
-    )
-
-
-def _is_gouge(dent: MeasuredDent, gouges: list[MeasuredDent]) -> bool:
-    """Whether something narrow is what a mark tells to be a gouge."""
-    return dent.kind in ('crease', 'gouge', 'other') and any(
-        np.linalg.norm(dent.position - gouge.position) < gouge.length.value / 2
-        and is_along(dent.axis, gouge.axis)
-        for gouge in gouges
-    )
-
-
-def _is_told(mark: MeasuredDent, found: list[MeasuredDent]) -> bool:
-    """Whether what may be under a mark lies on something narrow that is listed."""
-    return _is_gouge(mark, found) or any(
-        np.linalg.norm(mark.position - dent.position) < dent.length.value / 2
-        and is_along(mark.axis, dent.axis)
-        for dent in found
-        if dent.kind in ('crease', 'gouge', 'other')
     )
 
 

@@ -11,7 +11,7 @@ from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, SmallestDe
 from ftp_dent_ros.inspection.measuring.hidden import not_at_bottom
 from ftp_dent_ros.inspection.measuring.model_axes import model_axes
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
-from ftp_dent_ros.inspection.measuring.outlines.division import divided, looks_compound, parts_of
+from ftp_dent_ros.inspection.measuring.outlines.division import divided
 from ftp_dent_ros.inspection.measuring.outlines.maxima import DROP, maxima_of
 from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
@@ -25,10 +25,8 @@ from ftp_dent_ros.inspection.measuring.places.marks import mark_in
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along, on_skin, profiles_of
 from ftp_dent_ros.inspection.measuring.places.sampling import own_cells, patch_of
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
-from ftp_dent_ros.inspection.measuring.places.weighting import weighted
 from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, of_sharp_bottom, sizes_of
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP
-from ftp_dent_ros.inspection.measuring.skin.noise import Noise
 
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.
 _RIDGE, _RIDGE_DROP = 3.5, 0.5
@@ -69,7 +67,6 @@ def measure(
     raw = patch_of(candidate, around, skin.noise)
     local = skin.noise.where(around.extra, raw.scale)
     own = own_cells(raw, around)
-    raw = weighted(raw, own, candidate, around)
     whole = restored(raw, around.resolution, SUPPOSED * around.spacing)
     seen = bridged(whole, GAP * settings.smallest_width, own)
     # Along a ridge the depth varies as the fringes do.
@@ -159,8 +156,8 @@ def _one(
             reason = not_at_bottom(float(patch.depth[beside].max(initial=0)), sizes.chance)
     if sizes.hidden > _HIDDEN:
         reason = reason or f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
-    if not reason and kind == 'dent':
-        reason = _overlap(sizes, patch, at, region, around, skin.noise)
+    if not reason and kind == 'dent' and region is not None:
+        reason = 'overlaps another one: its outline ends where they part'
     contour, (x, y) = skin.contour, outline.centre
     position, normal, line = on_skin(contour, outline, sign * LEVEL * sizes.depth.value)
     axis = axis_along(contour, normal, outline.axis())
@@ -205,23 +202,6 @@ def _is_unsure(sizes: Sizes, kind: str) -> bool:
         or (is_vague and not is_hidden)
         or not all(each.is_measured for each in measured)
     )
-
-
-def _overlap(
-    sizes: Sizes,
-    patch: Patch,
-    at: tuple[int, int],
-    region: Mask | None,
-    around: Surroundings,
-    noise: Noise,
-) -> str:
-    """Why its being one dent is in doubt, if it is."""
-    if region is not None:
-        return 'overlaps another one: its outline ends where they part'
-    depth = sizes.depth.value
-    parts = parts_of(patch, at, depth, sizes.width.value)
-    local = noise.where(around.extra, patch.scale)
-    return 'may be several that overlap' if looks_compound(parts, local / depth) else ''
 
 
 def _signed(sign: int, estimate: Estimate) -> Estimate:

@@ -14,7 +14,6 @@ from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY, Moments
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
 from ftp_dent_ros.inspection.measuring.places.lines import valleys
-from ftp_dent_ros.inspection.measuring.places.paint_edges import along_paint
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import median_of
@@ -124,15 +123,12 @@ def find_candidates(
             corner = np.array([[top], [left]])
             moments = Moments.of(part)
             size = moments.cells * math.prod(lattice.spacing), *moments.ellipse(*lattice.spacing)
-            rows, columns = np.nonzero(part)
-            # What is long has so many places that tell the same, if no paint does.
+            # What is long has so many places that tell the same.
             seen, alike = evidence[window][known].max(), max(size[1] / (NOISY * size[2]), 1.0)
             valley = bool(lines[window][part].any())
             valley &= size[1] > settings.smallest_width
             together = valley or seen >= skin.suspect / math.sqrt(alike)
-            if seen < skin.suspect and (
-                not together or along_paint(rows + top, columns + left, lattice)
-            ):
+            if not together:
                 continue
             cells = np.array(np.nonzero(known)) + corner
             gap = np.array(np.nonzero(part & gaps[window])) + corner

@@ -51,8 +51,6 @@ class Surroundings:
         Noise beyond the common one here, the median of the candidate's cells, metres.
     resolution : float
         Wavelength of which half is left here, metres; NaN if it is not known.
-    is_marked : bool
-        Whether the light of the skin is uneven in the candidate; not if no image tells.
     """
 
     x: Vector
@@ -66,7 +64,6 @@ class Surroundings:
     bounds: tuple[float, float, float, float]
     extra: float
     resolution: float
-    is_marked: bool
 
 
 def surroundings_of(
@@ -136,7 +133,6 @@ def surroundings_of(
     resolution = np.nan
     if lattice.resolution is not None:
         resolution = median(lattice.resolution[candidate.rows, candidate.columns])
-    uneven = lattice.is_uneven[candidate.rows, candidate.columns]
     return Surroundings(
         x=x,
         y=y,
@@ -149,8 +145,6 @@ def surroundings_of(
         bounds=bounds,
         extra=median(skin.noise.extra[candidate.rows, candidate.columns]),
         resolution=resolution,
-        # Without an image all is uneven.
-        is_marked=bool(uneven.any() and not uneven.all()),
     )
 
 

@@ -1,10 +1,9 @@
-"""Maps filled where they are not known, and evened where they are known badly."""
+"""Maps filled where they are not known."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
-import cv2
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 # Cells: two that a plate depends on, two that may be left out, and one more.
 _NEAR = 5
-_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 Mask = NDArray[np.bool_]
 Map = NDArray[np.float64]
@@ -26,44 +24,6 @@ def membrane(values: Map, over: Mask) -> Map:
 def plate(values: Map, over: Mask) -> Map:
     """Values, those of the cells `over` such that the surface bends least: slopes go on."""
     return _solved(values, over, _bending(over.shape))
-
-
-def soft_plate(values: Map, known: Mask, softness: Map) -> Map:
-    """Values as a plate on springs has them: near the given ones, and hardly bent.
-
-    The sum of (distance from the value)^2 / softness and of Laplacian^2 is least; where softness
-    is 0, the value stays. What that leaves over is evened in the same way and added, so that a
-    form much wider than what is evened keeps its height (Tukey's twicing).
-
-    Parameters
-    ----------
-    values : ndarray, shape (rows, columns)
-    known : ndarray, shape (rows, columns), bool
-        Across other cells nothing is bent.
-    softness : ndarray, shape (rows, columns)
-        Variance of a value over that of the Laplacian; 0 where not known.
-    """
-    soft = softness > 0
-    if not soft.any():
-        return values
-    window = around(soft)
-    free = soft[window]
-    # OpenCV takes what is beyond the frame as known, as the reflecting border does.
-    whole = np.flatnonzero(cv2.erode(known[window].view(np.uint8), _CROSS))
-    laplacian = _laplacian(free.shape)[whole]
-    bent = laplacian[:, np.flatnonzero(free)]
-    stiffness = 1 / softness[soft]
-    # Symmetric and positive: no pivots are looked for.
-    solve = scipy.sparse.linalg.splu(
-        (scipy.sparse.diags(stiffness) + bent.T @ bent).tocsc(),
-        permc_spec='MMD_AT_PLUS_A',
-        diag_pivot_thresh=0.0,
-        options={'SymmetricMode': True},
-    ).solve
-    moved = -solve(bent.T @ (laplacian @ values[window].ravel()))
-    evened = values.copy()
-    evened[soft] += moved - solve(stiffness * moved)
-    return evened
 
 
 def around(over: Mask) -> tuple[slice, slice]:
