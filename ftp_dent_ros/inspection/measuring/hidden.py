@@ -10,8 +10,7 @@ import numpy as np
 from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
-from ftp_dent_ros.inspection.measuring.places.evidence import SUSPECT
-from ftp_dent_ros.inspection.measuring.places.kinds import LONG
+from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along
 from ftp_dent_ros.inspection.measuring.places.surroundings import places
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
@@ -32,12 +31,12 @@ def hidden_dent(
 ) -> list[MeasuredDent]:
     """What departs from the skin beside places without points, with what is known of it.
 
-    So does a valley that is significant along its length alone. Its depth is the largest that was
+    Its depth is the largest that was
     measured, its sizes are those of the cells that depart and of those between them that have no
     points.
     """
     cells = len(candidate.rows) + candidate.gap.shape[1]
-    hidden = candidate.is_valley or candidate.gap.shape[1] >= _HIDDEN * cells
+    hidden = candidate.gap.shape[1] >= _HIDDEN * cells
     if not hidden or candidate.height < settings.smallest_depth:
         return []
     contour = skin.contour
@@ -53,13 +52,9 @@ def hidden_dent(
     length, width = max(sides) + cell, min(sides) + cell
     if length < settings.smallest_width:
         return []
-    if candidate.is_valley:
-        least = candidate.height - COVERAGE * unsure
-        if length < LONG * width or least < settings.smallest_depth:
-            return []
-    elif significance < skin.suspect:
+    if significance < SIGNIFICANT:
         return []
-    if skin.relief and candidate.height < SUSPECT * skin.relief.uncertainty(width):
+    if skin.relief and candidate.height < SIGNIFICANT * skin.relief.uncertainty(width):
         return []
     corners = cv2.convexHull(across)[:, 0].astype(float)
     centre = across.mean(axis=0, dtype=float)[:, None]

@@ -13,13 +13,12 @@ from ftp_dent_ros.inspection.measuring.model_axes import model_axes
 from ftp_dent_ros.inspection.measuring.outlines.bridging import Bridged, bridged
 from ftp_dent_ros.inspection.measuring.outlines.division import divided
 from ftp_dent_ros.inspection.measuring.outlines.maxima import DROP, maxima_of
-from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY
 from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.outlines.peak import extent, radius_across
 from ftp_dent_ros.inspection.measuring.outlines.restoration import restored
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
 from ftp_dent_ros.inspection.measuring.places.detection import Candidate
-from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
+from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.places.kinds import Appearance, kind_of
 from ftp_dent_ros.inspection.measuring.places.marks import mark_in
 from ftp_dent_ros.inspection.measuring.places.placement import axis_along, on_skin, profiles_of
@@ -40,9 +39,6 @@ _HIDDEN = 0.05
 # Maxima are looked for from this part of the smallest depth on.
 _NEARLY = 0.8
 _HALF = 0.5
-# At half of its depth a Gaussian, the most pointed of dents, has 0.55 of its width at 10 %: what
-# is shorter than that part of the smallest width is a rivet, however wide the ripples around it.
-_SPIKE = 0.55
 #: Points of a cloud that does not tell its resolution show waves of so many spacings by half.
 SUPPOSED = 4.0
 
@@ -77,7 +73,7 @@ def measure(
     peaks = maxima_of(seen.patch, math.hypot(local, unsure), least, drop) or _deepest(
         seen.patch, own, least
     )
-    peaks = [at for at in peaks if own[at] and not _is_spike(seen.patch, at, settings)]
+    peaks = [at for at in peaks if own[at]]
     dents = []
     for peak, region in zip(peaks, divided(seen.patch, peaks, LEVEL), strict=True):
         found = _one(candidate, seen, raw, peak, region, around, skin, settings)
@@ -91,13 +87,6 @@ def _deepest(patch: Patch, own: Mask, least: float) -> list[tuple[int, int]]:
     depth = np.where(own & patch.known, patch.depth, 0.0)
     row, column = np.unravel_index(np.argmax(depth), depth.shape)
     return [(int(row), int(column))] if depth[row, column] > least else []
-
-
-def _is_spike(patch: Patch, at: tuple[int, int], settings: SmallestDent) -> bool:
-    length, width, _ = extent(patch, at, _HALF)
-    # The patch's own smoothing widens what is short.
-    least = math.hypot(_SPIKE * settings.smallest_width, 2 * patch.scale)
-    return math.sqrt(length * width) < least
 
 
 def _one(
@@ -114,11 +103,11 @@ def _one(
     sizes = sizes_of(seen, plain, at, region, around, skin)
     if sizes is None:
         return None
-    slender = sizes.length.value / (NOISY * sizes.width.value)
-    along = candidate.is_valley and slender > 1
-    if sizes.significance < (skin.along(slender) if along else skin.suspect):
+    if sizes.significance < SIGNIFICANT:
         return None
-    if skin.relief and sizes.depth.value < SUSPECT * skin.relief.uncertainty(sizes.width.value):
+    if skin.relief and sizes.depth.value < SIGNIFICANT * skin.relief.uncertainty(
+        sizes.width.value
+    ):
         # It may well be one of the waves, which are told by themselves.
         return None
     across = sizes.angle + math.pi / 2

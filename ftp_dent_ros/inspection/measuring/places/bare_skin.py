@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.places.evidence import by_chance, threshold
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import refined
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
@@ -50,11 +49,6 @@ class BareSkin:
         About both.
     maps : list of ndarray, shape (rows, columns), float32
         Deviation smoothed at the noise's scales but for the first, 0.
-    suspect : float
-        Standard deviations of what the cloud tells of its points from which on a place is listed.
-    uneven : float
-        Share that chance may list of the places where the light is uneven and the cloud in doubt:
-        where it is even, doubt along a line is of the shape itself, for paint feigns none.
     area : float
         Of the panel, as far as it is measured, square metres.
     """
@@ -64,15 +58,7 @@ class BareSkin:
     relief: Relief | None
     noise: Noise
     maps: list[Map]
-    suspect: float
-    uneven: float
     area: float
-
-    def along(self, places: float) -> float:
-        """Standard deviations from which on so many places along a line are listed together."""
-        # Lines through a place are as many that have nothing to do with each other as have one
-        # place more between their ends, around half a circle.
-        return threshold(self.uneven / max(math.pi * places / 2, 1.0), places)
 
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
@@ -122,9 +108,7 @@ def bare_skin(lattice: Lattice, panel: Panel, seams: Mask, settings: SmallestDen
             noise = measured_noise(flat, maps, bare, lattice, scales)
             bare = usable & ~_off(maps, noise, settings, relief.lacks)
     area = np.count_nonzero(panel.mask) * lattice.spacing[0] * lattice.spacing[1]
-    suspect = threshold(by_chance(noise, panel.mask, lattice))
-    uneven = by_chance(noise, panel.mask, lattice, settings.smallest_depth)
-    return BareSkin(contour, wide, relief, noise, maps, suspect, uneven, area)
+    return BareSkin(contour, wide, relief, noise, maps, area)
 
 
 def _off(maps: list[Map], noise: Noise, settings: SmallestDent, lacks: Map | float = 0.0) -> Mask:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.outlines.moments import NOISY, Moments
+from ftp_dent_ros.inspection.measuring.outlines.moments import Moments
 from ftp_dent_ros.inspection.measuring.places.bare_skin import BareSkin
-from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT, SUSPECT
-from ftp_dent_ros.inspection.measuring.places.lines import valleys
+from ftp_dent_ros.inspection.measuring.places.evidence import SIGNIFICANT
 from ftp_dent_ros.inspection.measuring.skin.gaps import GAP, beside_gaps, between, gaps_of
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import median_of
@@ -44,8 +43,6 @@ class Candidate:
         Axes of the ellipse with its second moments, metres.
     gap : ndarray, shape (2, cells)
         Rows and columns of cells without points that it surrounds or borders on.
-    is_valley : bool
-        Whether it is significant along its length, whatever single places of it are.
     """
 
     sign: int
@@ -56,7 +53,6 @@ class Candidate:
     length: float
     width: float
     gap: NDArray[np.intp]
-    is_valley: bool = False
 
 
 def find_candidates(
@@ -91,7 +87,7 @@ def find_candidates(
     beside = None
     if gaps.any():
         told = maps[0], noise, noise.scales[1]
-        beside = beside_gaps(*told, skin.suspect, floor, panel, gaps, lattice)
+        beside = beside_gaps(*told, SIGNIFICANT, floor, panel, gaps, lattice)
     for sign in (1, -1):
         values = np.where(panel & np.isfinite(maps[base]), sign * maps[base], 0)
         above = values > np.maximum(_EDGE * spread, floor)
@@ -103,17 +99,10 @@ def find_candidates(
         if beside is not None:
             near = beside[0 if sign > 0 else 1]
             above |= near
-            evidence[near] = skin.suspect
+            evidence[near] = SIGNIFICANT
             above |= between(above, gaps)
-        lines = np.zeros_like(above)
-        if sign > 0:
-            # It stands out of what all of the skin strays by, whatever is in doubt there.
-            stands = panel & (maps[0] > max(SIGNIFICANT * typical[0], settings.smallest_depth))
-            stands &= ~_connected(above, evidence >= skin.suspect)
-            lines = valleys(skin, panel, stands, lattice, settings.smallest_width, floor)
-            above |= lines
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8))
-        seeded = np.unique(labels[((evidence > SUSPECT) | lines) & above])
+        seeded = np.unique(labels[(evidence >= SIGNIFICANT) & above])
         for index in seeded[seeded > 0]:
             left, top, width, height, _ = stats[index]
             window = slice(top, top + height), slice(left, left + width)
@@ -123,26 +112,10 @@ def find_candidates(
             corner = np.array([[top], [left]])
             moments = Moments.of(part)
             size = moments.cells * math.prod(lattice.spacing), *moments.ellipse(*lattice.spacing)
-            # What is long has so many places that tell the same.
-            seen, alike = evidence[window][known].max(), max(size[1] / (NOISY * size[2]), 1.0)
-            valley = bool(lines[window][part].any())
-            valley &= size[1] > settings.smallest_width
-            together = valley or seen >= skin.suspect / math.sqrt(alike)
-            if not together:
-                continue
             cells = np.array(np.nonzero(known)) + corner
             gap = np.array(np.nonzero(part & gaps[window])) + corner
-            found.append(Candidate(sign, cells[0], cells[1], height, *size, gap, valley))
+            found.append(Candidate(sign, cells[0], cells[1], height, *size, gap))
     return found
-
-
-def _connected(marked: Mask, seeds: Mask) -> Mask:
-    """Cells of the marked parts that have a seed."""
-    _, labels = cv2.connectedComponents(marked.view(np.uint8))
-    chosen = np.zeros(labels.max() + 1, bool)
-    chosen[labels[seeds & marked]] = True
-    chosen[0] = False
-    return np.asarray(chosen[labels])
 
 
 def _highest(values: Map) -> float:

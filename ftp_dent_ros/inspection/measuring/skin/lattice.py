@@ -20,9 +20,6 @@ _WIDEST_SPACING = 0.05
 _PAIRS = 5000
 # Every so many cells are enough for the usual noise.
 _SOME = 7
-# Half the side of the square whose median is the usual light, metres; by what part of it uneven
-# light differs: the fringes leave 3 %, a crease's slopes shade it by up to 5 %.
-_AROUND, _UNEVEN = 0.01, 0.05
 # Cells across the smallest dent.
 _CELLS = 5
 
@@ -51,8 +48,6 @@ class Lattice:
     measured : ndarray, shape (rows of the cloud, columns of the cloud), bool
     light : ndarray, shape (rows of the cloud, columns of the cloud), float32
         Modulation of the fringes, grey levels.
-    is_uneven : ndarray, shape (rows, columns), bool
-        Where the skin's light is not that around; everywhere if nothing is known of it.
     """
 
     points: NDArray[np.float32]
@@ -65,7 +60,6 @@ class Lattice:
     all_points: NDArray[np.float32]
     measured: NDArray[np.bool_]
     light: NDArray[np.float32]
-    is_uneven: NDArray[np.bool_]
 
     @classmethod
     def of(cls, cloud: Cloud, settings: SmallestDent) -> Lattice:
@@ -102,7 +96,6 @@ class Lattice:
             relative,
             finite,
             cloud.intensity,
-            _uneven(cloud.skin, valid, spacing, block),
         )
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
@@ -134,26 +127,6 @@ def _told(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.
     means = total / np.maximum(weight, np.float32(1e-6))
     usual = np.float32(median(means[weight > 0][::_SOME]))
     return np.where(weight > 0, means, usual)
-
-
-def _uneven(
-    skin: NDArray[np.uint8],
-    valid: NDArray[np.bool_],
-    spacing: tuple[float, float],
-    block: int,
-) -> NDArray[np.bool_]:
-    """Cells whose light differs from the median around."""
-    if not skin.any():
-        return np.ones_like(valid)
-    rows, columns = valid.shape
-    light = cv2.resize(
-        np.ascontiguousarray(skin[: rows * block, : columns * block]),
-        (columns, rows),
-        interpolation=cv2.INTER_AREA,
-    )
-    side = 2 * round(_AROUND / sum(spacing)) + 1
-    usual = cv2.medianBlur(light, side)
-    return np.asarray(cv2.absdiff(light, usual) > _UNEVEN * usual)
 
 
 def _checked(cloud: Cloud) -> NDArray[np.float64]:
