@@ -20,7 +20,6 @@ from ftp_dent_ros.dents.rules import Limit, Rules
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.inspection.inspecting import CloudInspector
 from ftp_dent_ros.inspection.page import (
-    facts_of,
     on_grid,
     on_photograph,
     write_report,
@@ -116,19 +115,6 @@ def test_a_cloud_with_nothing_measured_is_still_a_report(tmp_path):
     report = clouds.report('x')
     assert len(report.frames) == 1 and report.refused == ()
     assert 'No dents' in write_report(tmp_path, report).read_text()
-
-
-def test_clouds_without_the_image_of_their_skin_are_told(report):
-    told = dict(facts_of(report))['Marks of gouges']
-    assert told == 'the cloud has no image of the skin: narrow gouges were not looked for there'
-    (frame,) = report.frames
-    with_skin = replace(frame, has_skin=True)
-    for frames, said in (
-        ((with_skin,), 'looked for'),
-        ((frame, with_skin), '1 of 2 clouds have no'),
-    ):
-        facts = dict(facts_of(replace(report, frames=frames)))
-        assert facts['Marks of gouges'].startswith(said)
 
 
 def test_many_clouds_show_the_maps_of_those_alone_that_show_a_dent_best(tmp_path):

@@ -58,7 +58,7 @@ def test_what_windows_take_of_a_narrow_dent_is_asked_for_where_they_take_it():
 
 
 def test_where_no_depth_of_a_narrow_dent_would_do_none_is_told():
-    resolution = 1.4 * WIDTH
+    resolution = 1.6 * WIDTH
     # As deep as 0.3 of its width a dent is no dented skin any more.
     assert promised(resolution) == pytest.approx(0.3 * WIDTH)
     found = inspect(seen(0.1 * WIDTH, resolution))

@@ -13,7 +13,6 @@ from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.measuring.places.kinds import Appearance, kind_of
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation import Dent, Panel, Rivet
-from ftp_dent_ros.simulation.dents import Gaussian
 
 DENT = Dent(0.02, -0.01, 0.05, 0.035, 0.001, 0.6)
 
@@ -104,20 +103,6 @@ def reconstructed(values, sigma):
     for _ in range(4):
         rest = rest - cv2.GaussianBlur(rest, (0, 0), sigma)
     return values - rest
-
-
-def test_a_rivet_in_its_ripples_is_no_dent_however_wide_they_are():
-    x, y = 1.4e-3 * (np.mgrid[:COLUMNS, :ROWS].T - np.array([100, 75])).transpose(2, 0, 1)
-    distance = np.hypot(x, y)
-    ripples = 2.5e-5 * np.clip(2.5 - distance / 4e-3, 0, 1)
-    rivet = 1.5e-4 * np.exp(-((distance / 2.5e-3) ** 2))
-    for sign in (1, -1):
-        inspection = inspect(raised(cloud_of(panel()), sign * (ripples + rivet)))
-        assert inspection.dents == ()
-        assert all(other.kind == 'other' for other in inspection.others)
-    small = Dent(0.03, 0.02, 0.018, 0.016, 0.00015)
-    (dent,) = inspect(raised(cloud_of(panel(small)), ripples + rivet)).dents
-    assert dent.depth.value == pytest.approx(small.depth, abs=2e-5)
 
 
 def test_a_sliver_along_the_rim_is_no_panel():
@@ -211,20 +196,6 @@ def test_a_lap_whose_edge_rings_at_the_rim_of_the_view_is_a_step_of_its_height(s
     assert (step.kind, inspection.dents) == ('step', ())
     assert step.depth.value == pytest.approx(0.0016, abs=3 * step.depth.uncertainty)
     assert step.depth.uncertainty < 5e-5
-
-
-def test_a_strip_between_a_laps_edge_and_a_gap_belongs_to_the_panel_beyond_the_gap():
-    cloud = cloud_of(panel(tilt=(0, 0)))
-    beyond = cloud.points[..., 0] - 0.02
-    # As edge and gap make it: rough.
-    rough = 4e-4 * np.cos(2 * np.pi * beyond / 5e-3) * ((beyond > 3e-3) & (beyond < 0.012))
-    raised_cloud = raised(cloud, -0.0016 * (0.5 + 0.5 * erf(beyond / 2e-3)) + rough)
-    points = raised_cloud.points.copy()
-    points[(beyond > 0.012) & (beyond < 0.019)] = np.nan
-    inspection = inspect(Cloud(points, raised_cloud.intensity))
-    (step,) = inspection.others
-    assert (step.kind, inspection.dents) == ('step', ())
-    assert step.depth.value == pytest.approx(0.0016, abs=2e-5)
 
 
 def test_each_panel_has_its_own_contour():
@@ -372,29 +343,6 @@ def test_hail_is_found_on_wavy_skin_and_the_waviness_is_told_apart():
     assert wavy.wavelength == pytest.approx(1 / np.hypot(1 / 0.15, 1 / 0.2), rel=0.3)
 
 
-def test_two_dents_in_one_that_no_saddle_parts_are_one_with_a_word():
-    one, other = (
-        1e-3 * 10 ** -(((X - x) / 0.015) ** 2 + (Y / 0.02) ** 2) for x in (-0.007, 0.007)
-    )
-    ((kind, _reason),) = kind_of_it(one + 0.6 * other)
-    assert kind == 'dent'
-    apart = sum(1e-3 * 10 ** -(((X - x) / 0.015) ** 2 + (Y / 0.02) ** 2) for x in (-0.014, 0.014))
-    assert [kind for kind, _ in kind_of_it(apart)] == ['dent', 'dent']
-    assert all('overlaps' in reason for _, reason in kind_of_it(apart))
-
-
-@pytest.mark.parametrize('width', [0.028, 0.017])
-def test_two_equal_dents_in_one_have_a_word(width):
-    apart, skin = 0.43 * width, panel(tilt=(0, 0))
-    pair = [Dent(sign * apart / 2, 0.0, width, width, 4e-4, 0.0, Gaussian()) for sign in (1, -1)]
-    found = inspect(cloud_of(replace(skin, dents=tuple(pair)), noise=2e-6))
-    (one,) = found.dents
-    assert one.reason == 'may be several that overlap'
-    alone = Dent(0.0, 0.0, 1.4 * width, width, 4e-4, 0.0, Gaussian())
-    (one,) = inspect(cloud_of(replace(skin, dents=(alone,)), noise=2e-6)).dents
-    assert not one.reason
-
-
 def test_a_kink_is_deeper_than_smoothing_has_left_it():
     sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.01, 0, 1)
     left = reconstructed(sharp, 1.2e-2 / HALVED / 1.4e-3)
@@ -408,7 +356,7 @@ def test_a_kink_is_deeper_than_smoothing_has_left_it():
     assert abs(crease.depth.value - sharp.max()) < 2 * crease.depth.uncertainty
 
 
-@pytest.mark.parametrize(('sigma', 'kind'), [(1.6e-4, 'crease'), (3e-4, 'other')])
+@pytest.mark.parametrize(('sigma', 'kind'), [(1e-4, 'crease'), (1.6e-4, 'other')])
 def test_a_crease_that_is_all_shown_is_known_as_a_dent_is(sigma, kind):
     sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.02, 0, 1) ** 2
     cloud = raised(cloud_of(panel(), noise=1e-6), sharp)

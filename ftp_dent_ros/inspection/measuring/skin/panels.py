@@ -12,6 +12,7 @@ from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.skin.continuation import depths_of, islands, joined
 from ftp_dent_ros.inspection.measuring.skin.contour import Contour
 from ftp_dent_ros.inspection.measuring.skin.contour_fit import first_contour, richer_contour
+from ftp_dent_ros.inspection.measuring.skin.enclosed import with_enclosed
 from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.skin.noise import rough_noise, smoothed
 from ftp_dent_ros.inspection.measuring.skin.plate import plates
@@ -95,6 +96,7 @@ def find_panels(
         labels[islands(lattice, left, labels == index, seed.contour, seed.tolerance, settings)] = (
             index
         )
+    labels = with_enclosed(lattice, [seed.contour for seed in seeds], labels, least)
     panels = [replace(seed, mask=labels == index) for index, seed in enumerate(seeds)]
     return panels, labels
 
