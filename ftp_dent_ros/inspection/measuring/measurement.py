@@ -135,9 +135,6 @@ def _one(
     if kind in ('crease', 'gouge'):
         sizes = of_sharp_bottom(sizes, around.resolution, not reason)
     if _is_unsure(sizes, kind):
-        if outline.is_cut and sizes.hidden <= _HIDDEN:
-            # At the rim the cloud is rarely sure.
-            return None
         unsure = _MM * math.hypot(sizes.chance, sizes.depth.uncertainty)
         kind, reason = 'other', f'the cloud is not sure of the surface here ({unsure:.2f} mm)'
         if seen.bridged[at]:
