@@ -218,10 +218,10 @@ class Renderer:
         """
         rng = rng or np.random.default_rng(0)
         # The lens brings in light from beyond the image.
+        beyond = reach_of(self.photometry.psf_px)
         wider = copy.copy(self)
-        camera = self.rig.camera.padded(reach_of(self.photometry.psf_px))
-        wider.rig = replace(self.rig, camera=camera)
-        return read_out(wider.signal(surface, rng, motion), self.photometry, rng)
+        wider.rig = replace(self.rig, camera=self.rig.camera.padded(beyond))
+        return read_out(wider.signal(surface, rng, motion), self.photometry, rng, beyond)
 
     def render(
         self,

@@ -130,16 +130,19 @@ def speckle(shape: tuple[int, ...], photometry: Photometry, rng: np.random.Gener
     return np.exp(math.sqrt(sigma2) * grains - sigma2 / 2)
 
 
-def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) -> Photograph:
+def read_out(
+    signal: Image, photometry: Photometry, rng: np.random.Generator, beyond: int = 0
+) -> Photograph:
     """Turn the light on the pixels into levels, colour by colour.
 
     Parameters
     ----------
     signal : ndarray, shape (3, rows, columns), float32
-        Red, green and blue; 1 saturates. It is larger than the image at each border by what the
-        lens's blur reaches.
+        Red, green and blue; 1 saturates.
     photometry : Photometry
     rng : numpy.random.Generator
+    beyond : int
+        Pixels by which the signal is larger than the image at each border: what the lens brings in.
 
     Returns
     -------
@@ -150,7 +153,8 @@ def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) ->
     white = (1 << encoding.bits) - 1
     grey = not encoding.coloured and not encoding.mosaic
     light = signal.mean(axis=0)[None] if grey else signal
-    image = np.stack([_digitised(channel, photometry, rng, white) for channel in light], axis=-1)
+    levels = [_digitised(channel, photometry, rng, white, beyond) for channel in light]
+    image = np.stack(levels, axis=-1)
     if encoding.mosaic:
         return Photograph(_behind_filters(image, encoding.mosaic), white, encoding.mosaic)
     if photometry.bayer and not grey:
@@ -164,10 +168,9 @@ def read_out(signal: Image, photometry: Photometry, rng: np.random.Generator) ->
 
 
 def _digitised(
-    signal: Image, photometry: Photometry, rng: np.random.Generator, white: int
+    signal: Image, photometry: Photometry, rng: np.random.Generator, white: int, beyond: int
 ) -> NDArray[Any]:
     """Levels of one colour, shape (height, width), up to `white`."""
-    beyond = reach_of(photometry.psf_px)
     rows, columns = (slice(beyond, n - beyond) for n in signal.shape)
     level = 255 * blur(signal, photometry.psf_px)[rows, columns]
     deviation = level * np.float32(255 / photometry.full_well)
