@@ -142,7 +142,7 @@ def read_out(
     photometry : Photometry
     rng : numpy.random.Generator
     beyond : int
-        Pixels by which the signal is larger than the image at each border: what the lens brings in.
+        Pixels by which the signal is larger than the image, for the lens brings them in.
 
     Returns
     -------
