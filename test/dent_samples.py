@@ -8,7 +8,6 @@ import numpy as np
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Estimate, Inspection, MeasuredDent
-from ftp_dent_ros.inspection.measuring.skin.smoothing import shown
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.simulation.dents import Dent
@@ -124,29 +123,3 @@ def noisy_cloud(surface=DENTED, seed=1, sigma=8e-6):
     depth = depth + sigma * np.random.default_rng(seed).standard_normal(depth.shape)
     points = (rays * depth[..., None]).astype(np.float32)
     return Cloud(points, np.ones(depth.shape, np.float32))
-
-
-def gouged_cloud(depth=0.4e-3, mark=0.2, angle=0.4, offset=0.0):
-    """A flat skin with a groove 4 mm wide and 30 mm long as a cloud shows it, and its mark.
-
-    Metres; the mark is lighter than the skin by a part `mark` of it, and lies `offset` beside the
-    groove. Beside that there are a dent of 0.5 mm and noise.
-    """
-    spacing, resolution, width, length = 5e-4, 6e-3, 4e-3, 30e-3
-    y, x = (spacing * (np.indices((200, 300)) - np.array([[[100]], [[110]]]))).astype(float)
-    along, across = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
-    line = np.arange(-30e-3, 30e-3, 1e-4)
-    profile = shown(np.clip(1 - 0.9 * np.abs(line) / (width / 2), 0, None), 1e-4, resolution)
-    ends = np.clip(1 - np.abs(2 * along / length) ** 4, 0, None) ** 0.5
-    dent = 0.5e-3 * np.exp(-((x - 0.06) ** 2 + y**2) / 2 / 7e-3**2)
-    noise = np.random.default_rng(4).normal(0, 4e-6, x.shape)
-    z = 0.6 + depth * np.interp(across, line, profile) * ends + dent + noise
-    bright = (np.abs(across - offset) < width / 2) & (np.abs(along) < length / 2)
-    sigma = np.where(np.abs(across - offset) < width, 6e-5, 5e-6)
-    return Cloud(
-        np.stack([x, y, z], axis=-1).astype(np.float32),
-        np.full(x.shape, 60, np.float32),
-        sigma.astype(np.float32),
-        np.full(x.shape, resolution, np.float32),
-        skin=np.where(bright, round(150 * (1 + mark)), 150).astype(np.uint8),
-    )

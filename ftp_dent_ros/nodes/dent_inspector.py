@@ -1,13 +1,13 @@
 """Point clouds in, dents out.
 
-Inspects the clouds of ``points`` in the camera's frame with the image of their ``skin``, each by
-itself, or each with the camera's pose on ``tagged/camera_pose``; then its dents are moved to the
-map, and a dent that is seen again is one dent of the list. While somebody publishes
-``survey/pose``, that is taken for the camera's pose, and the list is corrected where
-``survey/path`` corrects the poses of earlier clouds. The dents of each cloud go to ``dents``, the
-list to ``dents/list`` and ``dents/markers``, both latched. The service ``~/take_list`` returns the
-list as JSON, once all clouds that came before are in it, and clears it. Nothing is computed while
-nobody subscribes, unless the parameter `always` asks for the list.
+Inspects the clouds of ``points`` in the camera's frame, each by itself, or each with the camera's
+pose on ``tagged/camera_pose``; then its dents are moved to the map, and a dent that is seen again
+is one dent of the list. While somebody publishes ``survey/pose``, that is taken for the camera's
+pose, and the list is corrected where ``survey/path`` corrects the poses of earlier clouds. The
+dents of each cloud go to ``dents``, the list to ``dents/list`` and ``dents/markers``, both
+latched. The service ``~/take_list`` returns the list as JSON, once all clouds that came before are
+in it, and clears it. Nothing is computed while nobody subscribes, unless the parameter `always`
+asks for the list.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from ftp_dent_ros.pages.words import finite
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.ros.dent_messages import dents_to_markers, dents_to_message
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
-from ftp_dent_ros.ros.messages import pose_from_message, stamp_to_ns
+from ftp_dent_ros.ros.messages import cloud_from_message, pose_from_message, stamp_to_ns
 from ftp_dent_ros.ros.qos import LATCHED, POSES
 
 # Clouds that may wait to be inspected, each of some megabytes: one whose surveyed pose was lost
@@ -67,7 +67,7 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         self._worker = self.worker(
             self._inspect, 'a cloud could not be inspected', finish=True, room=_WAITING
         )
-        parts = ('cloud', 'skin', 'pose', 'surveyed') if self._tagged else ('cloud', 'skin')
+        parts = ('cloud', 'pose', 'surveyed') if self._tagged else ('cloud',)
         MessageMatcher(self, parts, self._worker.put, lambda: self._wanted)
         if self._tagged:
             self.hear(Path, 'survey/path', self._listing.correct, LATCHED)
@@ -88,9 +88,8 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
             if self._tagged:
                 frame_id = self.given.map_frame
                 pose, covariance = item.located(frame_id)
-            found = inspect(
-                check_resolution(item.with_skin(self.diagnostics)), settings=self._smallest
-            )
+            cloud = check_resolution(cloud_from_message(item.cloud))
+            found = inspect(cloud, settings=self._smallest)
             dents = [dent.transformed(pose) for dent in (*found.dents, *found.others)]
             alone = DentList()
             alone.add(1, dents, pose, covariance)

@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bag_samples import topic
-from dent_samples import DENTED, gouged_cloud, noisy_cloud
+from dent_samples import DENTED, noisy_cloud
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
@@ -36,7 +36,6 @@ from ftp_dent_ros.ros.dent_messages import dents_to_message
 from ftp_dent_ros.ros.messages import (
     cloud_to_message,
     covariant_pose_message,
-    image_to_message,
     make_header,
     pose_stamped_message,
     stamp_to_ns,
@@ -114,40 +113,27 @@ def test_a_cloud_becomes_its_dents_and_nothing_is_computed_unasked(ros, cloud):
     assert bench.process.stop() == 0
 
 
-def test_with_its_skin_a_cloud_gives_the_gouges_of_the_command_and_what_is_wrong_is_refused(
-    ros, cloud
-):
+def test_the_node_lists_what_the_command_does_and_refuses_what_is_wrong(ros, cloud):
     bench = Bench(ros)
-    dents, skins = ros.collect(PointCloud2, 'dents'), ros.publisher(Image, 'skin', CLOUDS)
+    dents = ros.collect(PointCloud2, 'dents')
     ros.met_by('dent_inspector')
-    gouged, skin = gouged_cloud(), np.full(cloud.valid.shape, 9, np.uint8)
-    # The skin comes first, as the reconstruction publishes it.
-    skins.publish(image_to_message(gouged.skin, 7, CAMERA))
-    bench.show(gouged, 7)
+    bench.show(cloud, 7)
     ros.until(lambda: dents)
-    found = inspect(gouged)
-    assert [dent.kind for dent in found.others] == ['gouge']
+    found = inspect(cloud)
     alone = DentList()
     alone.add(1, [*found.dents, *found.others], IDENTITY, EXACT)
     assert bytes(dents[0].data) == bytes(dents_to_message(alone.entries, 7, CAMERA).data)
-
-    def show(seen, stamp_ns, skin):
-        skins.publish(image_to_message(skin, stamp_ns, CAMERA))
-        bench.show(seen, stamp_ns)
-
-    show(Cloud(np.full((60, 80, 3), np.nan, np.float32), np.zeros((60, 80), np.float32)), 8, skin)
+    nothing = Cloud(np.full((60, 80, 3), np.nan, np.float32), np.zeros((60, 80), np.float32))
+    bench.show(nothing, 8)
     bench.state.shows('refused: wrong cloud', 1)
-    show(replace(cloud, resolution=np.full_like(cloud.intensity, 1e12)), 9, skin)
+    bench.show(replace(cloud, resolution=np.full_like(cloud.intensity, 1e12)), 9)
     bench.state.shows('refused: wrong cloud', 2)
     assert 'resolution of 1e+12 m' in bench.state.message
-    skins.publish(image_to_message(skin, 0, CAMERA))
     bench.points.publish(PointCloud2(height=1, width=2, data=array('B', bytes(3))))
     bench.state.shows('refused: wrong cloud', 3)
     assert bench.state().level == DiagnosticStatus.WARN
-    # A skin that does not fit is left out, and said.
-    show(cloud, 10, gouged.skin[:7])
+    bench.show(cloud, 10)
     ros.until(lambda: len(dents) == 2)
-    bench.state.shows('refused: wrong skin', 1)
     assert bench.value('failed') == '0'
     assert bench.process.stop() == 0
 
