@@ -138,12 +138,6 @@ class BinGrid:
         )
         return smooth
 
-    def smooth_bins(self, bins: NDArray[np.float32], fringes: float) -> NDArray[np.float32]:
-        """Gaussian of so many fringes over bins."""
-        sigma_u, sigma_v = (fringes * each for each in self.fringe)
-        smooth: Any = cv2.GaussianBlur(bins, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v)
-        return smooth
-
     def around(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
         """Means over half a fringe about the bins."""
         mean: Any = cv2.blur(bins, self.half_fringe)
