@@ -74,10 +74,7 @@ def test_skins_two_fringes_apart_are_parted_by_the_code(across):
     assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.65
 
 
-AT_STRIPE = pytest.mark.xfail(reason='red alone shows the stripe: 3.7 % too shallow')
-
-
-@pytest.mark.parametrize('x', [0.03, pytest.param(0.0, marks=AT_STRIPE)])
+@pytest.mark.parametrize('x', [0.03, 0.0])
 def test_a_bend_keeps_its_depth(x):
     # A Gaussian three fringes wide is the narrowest that is seen whole.
     size = 3 * DEPTH / 900 * 7.8

@@ -18,16 +18,16 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
 _OCTAVES = 5
 # Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand
-# (chi-square of some 15 windows).
-_SHOWN = 2.8
+# (chi-square of some 7 windows).
+_SHOWN = 3.6
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
 # Noise of pixels in the finest octave over that of one window.
 _OF_WINDOWS = 1.36
-# Part of the contrast's energy by which the noise's strays: the chance of some 15 windows.
+# Part of the contrast's energy by which the noise's strays: the chance of some 7 windows.
 _CHANCE = 0.5
-# Widths of windows over which energy and noise are means: 2 and 9 windows count.
-_OF_ENERGY, _OF_NOISE = 1.5, 3.0
+# Widths of windows over which energy and noise are means: 1 and 9 windows count.
+_OF_ENERGY, _OF_NOISE = 1.0, 3.0
 # From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
 # pass the windows of the fit alike.
 _FALLS = 1.0, 0.5
