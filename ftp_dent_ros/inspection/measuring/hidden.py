@@ -31,9 +31,8 @@ def hidden_dent(
 ) -> list[MeasuredDent]:
     """What departs from the skin beside places without points, with what is known of it.
 
-    Its depth is the largest that was
-    measured, its sizes are those of the cells that depart and of those between them that have no
-    points.
+    Its depth is the largest that was measured. Its sizes are those of the cells that depart, and
+    of those between them that have no points.
     """
     cells = len(candidate.rows) + candidate.gap.shape[1]
     hidden = candidate.gap.shape[1] >= _HIDDEN * cells

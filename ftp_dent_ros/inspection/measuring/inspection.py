@@ -45,7 +45,7 @@ def inspect(
     Parameters
     ----------
     cloud : Cloud
-        Organised, in any frame, metres. What it tells of its points' uncertainty and resolution
+        Organised, in any frame, metres. What it states of its points' uncertainty and resolution
         is used; without it, noise is estimated from the cloud.
     settings : SmallestDent, optional
     viewpoint : array_like, shape (3,)

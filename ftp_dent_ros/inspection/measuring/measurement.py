@@ -29,9 +29,9 @@ from ftp_dent_ros.inspection.measuring.skin.gaps import GAP
 
 # A candidate that is so many times longer than wide is a ridge, unless its saddles are so deep.
 _RIDGE, _RIDGE_DROP = 3.5, 0.5
-#: Standard uncertainties that a depth has at least for the kind to be told: fittings that are not
-# resolved come out round. Of what is long the smoothing hides the depth but not the kind, where it
-# adds more than a fiftieth to what is uncertain.
+#: Standard uncertainties that a depth has at least for its kind to be listed: fittings that are
+# not resolved come out round. Of what is long the smoothing hides the depth but not the kind,
+# where it adds more than a fiftieth to what is uncertain.
 CERTAIN, _CERTAIN_LONG, _HIDES = 4.5, 2.7, 0.2
 _MM = 1e3
 # Part of a dent that has no points, from which on it is cut.
@@ -39,7 +39,7 @@ _HIDDEN = 0.05
 # Maxima are looked for from this part of the smallest depth on.
 _NEARLY = 0.8
 _HALF = 0.5
-#: Points of a cloud that does not tell its resolution show waves of so many spacings by half.
+#: Points of a cloud that does not state its resolution show waves of so many spacings by half.
 SUPPOSED = 4.0
 
 Mask = NDArray[np.bool_]
@@ -105,13 +105,11 @@ def _one(
         return None
     if sizes.significance < SIGNIFICANT:
         return None
-    if skin.relief and sizes.depth.value < SIGNIFICANT * skin.relief.uncertainty(
-        sizes.width.value
-    ):
-        # It may well be one of the waves, which are told by themselves.
+    length, width, outline = sizes.length.value, sizes.width.value, sizes.outline
+    if skin.relief and sizes.depth.value < SIGNIFICANT * skin.relief.uncertainty(width):
+        # It may well be one of the waves, which are listed by themselves.
         return None
     across = sizes.angle + math.pi / 2
-    length, width, outline = sizes.length.value, sizes.width.value, sizes.outline
     whole = seen.is_measured_across(at, across, width)
     radius = radius_across(patch, at, sizes.depth.value, across, width) if whole else math.nan
     half_length, half_width, _ = extent(patch, at, _HALF, region)

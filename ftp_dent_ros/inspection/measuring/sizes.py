@@ -21,7 +21,7 @@ from ftp_dent_ros.inspection.measuring.places.kinds import LONG
 from ftp_dent_ros.inspection.measuring.places.surroundings import Surroundings
 from ftp_dent_ros.robust import median
 
-#: Of the depth, where length, width and area are told.
+#: Of the depth, where length, width and area are measured.
 LEVEL = 0.1
 # Of the depth, and of the cells in which outlines are found: errors of the sampling.
 _SAMPLING = 0.0015
@@ -111,7 +111,7 @@ def sizes_of(
     """
     patch, noise = seen.patch, skin.noise
     local = noise.where(around.extra, patch.scale)
-    strays = noise.over(patch.told, patch.scale)
+    strays = noise.over(patch.stated, patch.scale)
     bottom = bottom_of(patch, at, strays, noise.correlated_area / patch.step**2, region)
     drawn = clear_outline(patch, at, bottom.depth, LEVEL, region, local)
     if drawn is None:
@@ -123,8 +123,8 @@ def sizes_of(
     offset = skin.uncertainty(*outline.centre, (2 if outline.is_cut else 1) * width)
     by_chance = chance(noise, width, around.extra)
     overall = chance(noise, math.sqrt(length * width), around.extra)
-    told = around.resolution if math.isfinite(around.resolution) else 0.0
-    fine = min(told / width, 1.0) ** 2
+    resolution = around.resolution if math.isfinite(around.resolution) else 0.0
+    fine = min(resolution / width, 1.0) ** 2
     # Of a Gaussian, the patch's own smoothing leaves this out (a mean, and that of the rest).
     apart = (TENTH * patch.scale / width) ** 2
     smeared = (apart / (1 + apart)) ** 2 * bottom.depth
@@ -138,13 +138,13 @@ def sizes_of(
     )
     # Noise as it is beside the dent moves each end for itself. The contour and the level move all
     # of the outline, and so does what the cloud doubts of it beyond that noise: what smoothing
-    # takes (as the restoration's doubt tells, too) and what the light on its slopes feigns.
+    # takes (as the restoration's doubt says, too) and what the light on its slopes feigns.
     usual = _beside(patch, outline, around.extra)
     alone = noise.where(usual, patch.scale)
-    beyond = np.square(_along(patch, patch.told, outline)) - usual**2
+    beyond = np.square(_along(patch, patch.stated, outline)) - usual**2
     doubt = np.square(_along(patch, seen.doubt, outline)).mean()
     together = np.sqrt(offset**2 + (level * deep) ** 2 + np.maximum(beyond, doubt))
-    grain, unresolved = _GRAIN * patch.step, _UNRESOLVED_SIZE * fine * told
+    grain, unresolved = _GRAIN * patch.step, _UNRESOLVED_SIZE * fine * resolution
     u_length, u_width = (
         math.hypot(
             _OF_SIZES * _apart(outline, alone, together, ends), _OF_SIZES * grain, unresolved
@@ -222,8 +222,8 @@ def _apart(outline: Outline, alone: float, together: Vector, ends: list[int]) ->
 
 
 def _beside(patch: Patch, outline: Outline, otherwise: float) -> float:
-    """What the cloud tells of the points around an outline, the median, metres."""
-    beside = patch.told[patch.known & (outline.inside == 0)]
+    """What the cloud states of the points around an outline, the median, metres."""
+    beside = patch.stated[patch.known & (outline.inside == 0)]
     return median(beside) if len(beside) else otherwise
 
 

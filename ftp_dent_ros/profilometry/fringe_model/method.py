@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -351,8 +350,8 @@ class FringeModel:
         beside = nearest(away)
         away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
         along_u, along_v = self.grid.fringe
-        size = [2 * math.ceil(_BEYOND * n) + 1 for n in (along_v, along_u / self.grid.node)]
-        near = cv2.dilate(known.view(np.uint8), np.ones(size, np.uint8)) > 0
+        reach = (math.ceil(_BEYOND * n) for n in (along_v, along_u / self.grid.node))
+        near = dilated(known, *reach)
         other = wider_than_windows((start.surface >= 0) & ~known)
         near &= Nearest(known | other)(known)
         surface = np.where(near, label, -1)

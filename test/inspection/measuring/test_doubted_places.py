@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 from small_clouds import COLUMNS, ROWS, cloud_of, panel
 
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -96,3 +97,16 @@ def test_what_is_doubted_and_cut_by_what_was_not_measured_is_listed_in_doubt():
     assert dent.is_cut
     assert 'not sure' in dent.reason or 'not measured' in dent.reason
     assert abs(dent.depth.value - DENT.depth) < 2.5 * dent.depth.uncertainty
+
+
+@pytest.mark.xfail(strict=True, reason='two dents are listed')
+def test_beside_a_mark_in_a_dent_its_depth_is_told_by_what_is_known_well():
+    x, y = off_middle()
+    strip = np.exp(-np.square(x / 5e-3) / 2)
+    cloud = told(0.4e-3 * strip * np.cos(y / 3e-3), 5e-6 + 0.15e-3 * strip)
+    mark = np.where(abs(x) < 1.5e-3, 90, 150).astype(np.uint8)
+    plain = inspect(cloud).dents[0]
+    (dent,) = inspect(replace(cloud, skin=mark)).dents
+    error = dent.depth.value - DENT.depth
+    assert abs(error) < 2 * dent.depth.uncertainty
+    assert abs(error) < (plain.depth.value - DENT.depth) / 2

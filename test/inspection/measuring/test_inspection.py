@@ -105,6 +105,21 @@ def reconstructed(values, sigma):
     return values - rest
 
 
+@pytest.mark.xfail(strict=True, reason='the rivet is listed as a dent')
+def test_a_rivet_in_its_ripples_is_no_dent_however_wide_they_are():
+    x, y = 1.4e-3 * (np.mgrid[:COLUMNS, :ROWS].T - np.array([100, 75])).transpose(2, 0, 1)
+    distance = np.hypot(x, y)
+    ripples = 2.5e-5 * np.clip(2.5 - distance / 4e-3, 0, 1)
+    rivet = 1.5e-4 * np.exp(-((distance / 2.5e-3) ** 2))
+    for sign in (1, -1):
+        inspection = inspect(raised(cloud_of(panel()), sign * (ripples + rivet)))
+        assert inspection.dents == ()
+        assert all(other.kind == 'other' for other in inspection.others)
+    small = Dent(0.03, 0.02, 0.018, 0.016, 0.00015)
+    (dent,) = inspect(raised(cloud_of(panel(small)), ripples + rivet)).dents
+    assert dent.depth.value == pytest.approx(small.depth, abs=2e-5)
+
+
 def test_a_sliver_along_the_rim_is_no_panel():
     lifted = np.zeros((ROWS, COLUMNS))
     lifted[:, :5] = -8e-4
@@ -196,6 +211,21 @@ def test_a_lap_whose_edge_rings_at_the_rim_of_the_view_is_a_step_of_its_height(s
     assert (step.kind, inspection.dents) == ('step', ())
     assert step.depth.value == pytest.approx(0.0016, abs=3 * step.depth.uncertainty)
     assert step.depth.uncertainty < 5e-5
+
+
+@pytest.mark.xfail(strict=True, reason='the strip is listed as a bump')
+def test_a_strip_between_a_laps_edge_and_a_gap_belongs_to_the_panel_beyond_the_gap():
+    cloud = cloud_of(panel(tilt=(0, 0)))
+    beyond = cloud.points[..., 0] - 0.02
+    # As edge and gap make it: rough.
+    rough = 4e-4 * np.cos(2 * np.pi * beyond / 5e-3) * ((beyond > 3e-3) & (beyond < 0.012))
+    raised_cloud = raised(cloud, -0.0016 * (0.5 + 0.5 * erf(beyond / 2e-3)) + rough)
+    points = raised_cloud.points.copy()
+    points[(beyond > 0.012) & (beyond < 0.019)] = np.nan
+    inspection = inspect(Cloud(points, raised_cloud.intensity))
+    (step,) = inspection.others
+    assert (step.kind, inspection.dents) == ('step', ())
+    assert step.depth.value == pytest.approx(0.0016, abs=2e-5)
 
 
 def test_each_panel_has_its_own_contour():
@@ -302,15 +332,28 @@ def test_a_narrow_valley_is_in_no_list_of_dents_and_in_the_other():
     assert (kind, reason) == ('crease', 'too narrow to see how sharp it is')
 
 
-def test_crests_of_waves_beside_large_dents_are_no_dents():
-    # As high as dents are deep: half of the skin strays from its contour.
+ON_WAVES = [(-0.09, -0.05, 0.02), (0.07, 0.04, 0.017), (-0.03, 0.06, 0.012)]
+
+
+@pytest.fixture(scope='module')
+def on_waves():
+    """What is found where crests are as high as dents are deep."""
+    # Half of the skin strays from its contour.
     waves = 1e-4 * np.sin(2 * np.pi * X / 0.1 + 1)
-    places = [(-0.09, -0.05, 0.02), (0.07, 0.04, 0.017), (-0.03, 0.06, 0.012)]
-    dents = sum(6e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / r**2) for x, y, r in places)
-    found = inspect(raised(cloud_of(panel(), noise=1e-6), waves + dents), SmallestDent(5e-5))
+    dents = sum(6e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / r**2) for x, y, r in ON_WAVES)
+    return inspect(raised(cloud_of(panel(), noise=1e-6), waves + dents), SmallestDent(5e-5))
+
+
+@pytest.mark.xfail(strict=True, reason='one that the rim cuts is listed in doubt')
+def test_crests_of_waves_are_not_listed(on_waves):
+    assert not on_waves.others
+
+
+def test_crests_of_waves_beside_large_dents_are_no_dents(on_waves):
+    found = on_waves
     assert len(found.dents) == 3
     assert all(other.kind == 'other' and other.is_cut for other in found.others)
-    for x, y, radius in places:
+    for x, y, radius in ON_WAVES:
         apart = [np.hypot(dent.position[0] - x, dent.position[1] - y) for dent in found.dents]
         assert min(apart) < radius / 4
         width = found.dents[int(np.argmin(apart))].width
@@ -344,6 +387,17 @@ def test_hail_is_found_on_wavy_skin_and_the_waviness_is_told_apart():
     assert wavy.wavelength == pytest.approx(1 / np.hypot(1 / 0.15, 1 / 0.2), rel=0.3)
 
 
+def test_dents_that_a_saddle_parts_are_two_with_a_word():
+    one, other = (
+        1e-3 * 10 ** -(((X - x) / 0.015) ** 2 + (Y / 0.02) ** 2) for x in (-0.007, 0.007)
+    )
+    ((kind, _reason),) = kind_of_it(one + 0.6 * other)
+    assert kind == 'dent'
+    apart = sum(1e-3 * 10 ** -(((X - x) / 0.015) ** 2 + (Y / 0.02) ** 2) for x in (-0.014, 0.014))
+    assert [kind for kind, _ in kind_of_it(apart)] == ['dent', 'dent']
+    assert all('overlaps' in reason for _, reason in kind_of_it(apart))
+
+
 def test_a_kink_is_deeper_than_smoothing_has_left_it():
     sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.01, 0, 1)
     left = reconstructed(sharp, 1.2e-2 / HALVED / 1.4e-3)
@@ -357,7 +411,13 @@ def test_a_kink_is_deeper_than_smoothing_has_left_it():
     assert abs(crease.depth.value - sharp.max()) < 2 * crease.depth.uncertainty
 
 
-@pytest.mark.parametrize(('sigma', 'kind'), [(1e-4, 'crease'), (1.6e-4, 'other')])
+DOUBTED = pytest.mark.xfail(strict=True, reason='is listed as other: the cloud is not sure')
+
+
+@pytest.mark.parametrize(
+    ('sigma', 'kind'),
+    [(1e-4, 'crease'), pytest.param(1.6e-4, 'crease', marks=DOUBTED), (3e-4, 'other')],
+)
 def test_a_crease_that_is_all_shown_is_known_as_a_dent_is(sigma, kind):
     sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.02, 0, 1) ** 2
     cloud = raised(cloud_of(panel(), noise=1e-6), sharp)

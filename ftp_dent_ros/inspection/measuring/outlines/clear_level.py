@@ -22,7 +22,7 @@ def clear_outline(
     patch: Patch,
     at: tuple[int, int],
     depth: float,
-    told: float,
+    wanted: float,
     region: Mask | None,
     noise: float,
 ) -> tuple[Outline, float, float] | None:
@@ -40,26 +40,26 @@ def clear_outline(
         Row and column of the deepest cell.
     depth : float
         There, metres.
-    told : float
+    wanted : float
         Part of the depth whose outline is asked for.
     region : ndarray, shape (rows, columns), bool, optional
         Cells that it lies within: where it ends there, nothing is carried on.
     noise : float
         Standard deviation of the depths, metres.
     """
-    level = told
+    level = wanted
     if region is None:
-        level = min(max(told, _CLEAR * noise / depth), _HIGHEST)
+        level = min(max(wanted, _CLEAR * noise / depth), _HIGHEST)
     outline = find_outline(patch, at, level * depth, region, noise)
-    if outline is not None and level > told and _is_long(outline):
-        level = told
+    if outline is not None and level > wanted and _is_long(outline):
+        level = wanted
         outline = find_outline(patch, at, level * depth, region, noise)
     if outline is None or outline.area <= 0:
         return None
-    if level == told:
+    if level == wanted:
         return outline, level, 0.0
-    least = math.sqrt((1 - told) / (1 - level))
-    most = math.sqrt(math.log(told) / math.log(level))
+    least = math.sqrt((1 - wanted) / (1 - level))
+    most = math.sqrt(math.log(wanted) / math.log(level))
     middle = (least + most) / 2
     # A range is its half over the root of three uncertain.
     return outline.carried_on(patch, middle), level, (most - least) / 2 / math.sqrt(3) / middle

@@ -32,7 +32,7 @@ class Patch:
         Where points lie close enough.
     scale : float
         Of the smoothing, metres.
-    told : ndarray, shape (rows, columns)
+    stated : ndarray, shape (rows, columns)
         Noise of the points beyond the common one, as they were before the smoothing, metres.
     """
 
@@ -41,7 +41,7 @@ class Patch:
     depth: Map
     known: Mask
     scale: float
-    told: Map
+    stated: Map
 
     @classmethod
     def of(
@@ -49,7 +49,7 @@ class Patch:
         x: Map,
         y: Map,
         depth: Map,
-        told: Map,
+        stated: Map,
         bounds: tuple[float, float, float, float],
         step: float,
         scale: float,
@@ -64,7 +64,7 @@ class Patch:
         rows = math.ceil((y_max - y_min) / step) + 1
         at_x, at_y = (x - x_min) / step, (y - y_min) / step
         inside = (at_x > 0) & (at_x < columns - 1) & (at_y > 0) & (at_y < rows - 1)
-        at_x, at_y, depth, told = (each[inside] for each in (at_x, at_y, depth, told))
+        at_x, at_y, depth, stated = (each[inside] for each in (at_x, at_y, depth, stated))
         splat = _Splat(at_x, at_y, (rows, columns))
         sigma = math.hypot(scale / step, 1e-6)
         size = 2 * math.ceil(3 * sigma) + 1
@@ -85,7 +85,7 @@ class Patch:
             np.where(known, first + blur(splat.add(over)) / divisor, 0.0),
             known,
             scale,
-            blur(splat.add(told)) / divisor,
+            blur(splat.add(stated)) / divisor,
         )
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What the reconstruction smooths away of a surface, put back as far as its resolution tells."""
+"""What the reconstruction smooths away of a surface, put back as far as its resolution says."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ftp_dent_ros.inspection.measuring.outlines.patch import Patch
 from ftp_dent_ros.inspection.measuring.skin.smoothing import FITS, halved
 
 #: Of what is put back: how far resolutions are off, as a part of it. What is left out of dents
-# goes with the fifth to eighth power of the windows' width, which is told within 4 %, and of
+# goes with the fifth to eighth power of the windows' width, which is stated within 4 %, and of
 # what is put back already with the resolution's own.
 DOUBT = 0.7
 
@@ -50,9 +50,9 @@ def restored(patch: Patch, resolution: float, supposed: float) -> Restored:
     supposed : float
         Then nothing is put back, but what this one would ask for of one Gaussian is the doubt.
     """
-    told = math.isfinite(resolution)
-    fits = FITS if told else 1
-    sigma = (resolution if told else supposed) / halved(fits) / patch.step
+    known = math.isfinite(resolution)
+    fits = FITS if known else 1
+    sigma = (resolution if known else supposed) / halved(fits) / patch.step
     if not sigma > 0.1:
         return Restored(patch, np.zeros_like(patch.depth))
     weight = np.maximum(_blurred(patch.known.astype(float), sigma), 1e-3)
@@ -64,7 +64,7 @@ def restored(patch: Patch, resolution: float, supposed: float) -> Restored:
         return values
 
     first = taken(patch.depth)
-    if not told:
+    if not known:
         return Restored(patch, np.abs(first))
     second = taken(first)
     doubt = np.hypot(DOUBT * first, second)

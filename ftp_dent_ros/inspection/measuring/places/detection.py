@@ -86,12 +86,13 @@ def find_candidates(
     ratios = [smooth / unsure for smooth, unsure in zip(maps, spreads, strict=True)]
     beside = None
     if gaps.any():
-        told = maps[0], noise, noise.scales[1]
-        beside = beside_gaps(*told, SIGNIFICANT, floor, panel, gaps, lattice)
+        beside = beside_gaps(
+            maps[0], noise, noise.scales[1], SIGNIFICANT, floor, panel, gaps, lattice
+        )
     for sign in (1, -1):
         values = np.where(panel & np.isfinite(maps[base]), sign * maps[base], 0)
         above = values > np.maximum(_EDGE * spread, floor)
-        # By how many standard deviations of what the cloud tells, where that is what counts.
+        # By how many standard deviations of what the cloud states, where that is what counts.
         evidence = np.zeros(panel.shape, np.float32)
         for smooth, deep, ratio in zip(maps, least, ratios, strict=True):
             deeper = smooth > deep if sign > 0 else smooth < -deep

@@ -29,7 +29,7 @@ def chance(noise: Noise, width: float, extra: float) -> float:
     width : float
         At 10 % of the depth, metres.
     extra : float
-        Noise that the cloud tells of the place, metres.
+        Noise that the cloud states of the place, metres.
     """
     return noise.where(extra, FITTED * width / TENTH)
 

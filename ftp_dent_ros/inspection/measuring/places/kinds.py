@@ -43,8 +43,8 @@ STEEP = 0.3
 # cosine of their angle (Lambert's law; of two that face each other, wherever the lamp is).
 _MARK, _SHADED = 0.06, 1 - 1 / math.hypot(1, 2 * STEEP)
 _SHARP = 0.33
-# A crease narrower than so many wavelengths of which half is left cannot be told from a valley;
-# what is shown of one narrower than `_BLURRED` of them is as blunt as of any.
+# A crease narrower than so many wavelengths of which half is left looks like a valley; what is
+# shown of one narrower than `_BLURRED` of them is as blunt as of any.
 _UNRESOLVED, _LONGER, _BLUNT, _BLURRED = 3.0, 2.5, 1.0, 1.4
 # Below half of its depth a narrow valley falls apart, for its depth ripples as the fringes do:
 # what is so many times as long as wide is long without that.

@@ -38,7 +38,7 @@ def patch_of(candidate: Candidate, around: Surroundings, noise: Noise) -> Patch:
             break
         scale *= 1.3
     depth = candidate.sign * around.depth
-    return Patch.of(around.x, around.y, depth, around.told, around.bounds, step, scale)
+    return Patch.of(around.x, around.y, depth, around.stated, around.bounds, step, scale)
 
 
 def own_cells(patch: Patch, around: Surroundings) -> Mask:

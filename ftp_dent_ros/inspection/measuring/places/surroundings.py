@@ -37,7 +37,7 @@ class Surroundings:
         Feet on the contour and depths below the skin, metres.
     light : ndarray, shape (n,)
         Modulation of the fringes, grey levels.
-    told : ndarray, shape (n,)
+    stated : ndarray, shape (n,)
         Noise beyond the common one of each point, metres.
     cells : ndarray, shape (2, cells)
         x, y of the candidate's own cells, metres.
@@ -57,7 +57,7 @@ class Surroundings:
     y: Vector
     depth: Vector
     light: Vector
-    told: Vector
+    stated: Vector
     cells: Vector
     cell: float
     spacing: float
@@ -101,8 +101,8 @@ def surroundings_of(
     usable = at[window]
     if seams.any():
         usable = usable & ~lattice.spread(seams, at.shape)[window]
-    told = lattice.spread(skin.noise.extra[top:bottom, left:right], usable.shape)
-    images: list[NDArray] = [lattice.all_points[window], lattice.light[window], told]
+    stated = lattice.spread(skin.noise.extra[top:bottom, left:right], usable.shape)
+    images: list[NDArray] = [lattice.all_points[window], lattice.light[window], stated]
     images += [] if relief is None else [relief[window]]
     spacing = max(lattice.spacing) / block
     every = max(1, min(max(usable.shape) // _WINDOW, int(candidate.width / spacing / _ACROSS)))
@@ -138,7 +138,7 @@ def surroundings_of(
         y=y,
         depth=depth,
         light=rest[0].astype(float),
-        told=rest[1].astype(float),
+        stated=rest[1].astype(float),
         cells=np.stack([around_x, around_y]).astype(float),
         cell=max(lattice.spacing),
         spacing=every * spacing,

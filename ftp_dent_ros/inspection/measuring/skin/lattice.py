@@ -34,9 +34,9 @@ class Lattice:
         Relative to `origin`, metres; 0 where not `valid`.
     valid : ndarray, shape (rows, columns), bool
     sigma : ndarray, shape (rows, columns), float32, or None
-        Standard uncertainty of the points along their rays, where the cloud tells it.
+        Standard uncertainty of the points along their rays, where the cloud states it.
     resolution : ndarray, shape (rows, columns), float32, or None
-        Wavelength of which half is left, metres, where the cloud tells it.
+        Wavelength of which half is left, metres, where the cloud states it.
     block : int
         Points of the cloud along a cell's side.
     spacing : tuple of 2 floats
@@ -88,8 +88,8 @@ class Lattice:
         return cls(
             np.asarray(points, np.float32),
             valid,
-            _told(cloud.sigma, finite, block),
-            _told(cloud.resolution, finite, block),
+            _stated(cloud.sigma, finite, block),
+            _stated(cloud.resolution, finite, block),
             block,
             spacing,
             origin,
@@ -117,8 +117,8 @@ class Lattice:
         return metres / self.spacing[0], metres / self.spacing[1]
 
 
-def _told(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:
-    """Means of what the cloud tells of its points; None if it tells nothing."""
+def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:
+    """Means of what the cloud states of its points; None if it states nothing."""
     known = finite & np.isfinite(values) & (values > 0)
     if not known.any():
         return None

@@ -18,12 +18,12 @@ from ftp_dent_ros.robust import NORMAL_SPREAD, median
 _ENOUGH = 5000
 # Below this no cloud is trusted, metres.
 _LEAST = 5e-7
-# Over which noise is correlated where the cloud tells none, metres; and bounds of what smoothing
+# Over which noise is correlated where the cloud states none, metres; and bounds of what smoothing
 # leaves of noise, beyond which its correlation does not matter.
 _SHORT, _LEFT = 1.5e-3, (0.02, 0.98)
-# Bounds of what points really stray, as a part of what their cloud tells of them. Never less: most
-# points stray less where the cloud is in doubt, a few as much as it says.
-_TOLD = 1.0, 1.5
+# Bounds of what points really stray, as a part of what their cloud states. Never less: most points
+# stray less where the cloud is in doubt, a few as much as it says.
+_STATED = 1.0, 1.5
 # Cells between the points of a second difference: more than their noise is correlated over.
 _LAG = 3
 
@@ -35,7 +35,7 @@ Mask = NDArray[np.bool_]
 class Noise:
     """Standard deviation of the deviation map after smoothing by Gaussians.
 
-    Two parts: what the cloud tells of each place, in the measure in which its points stray (the
+    Two parts: what the cloud states of each place, in the measure in which its points stray (the
     variance of unit weight of an adjustment), which falls with the scale like noise that is
     correlated over a `reach`; and what is everywhere alike beyond that, measured at each scale.
 
@@ -88,9 +88,9 @@ class Noise:
         return float(4 * math.pi * max(np.max((self.scales * ratio) ** 2), self.reach**2))
 
 
-def _strayed(values: Map, told: Map, cells: NDArray[np.intp]) -> float:
-    """Median of what some cells stray, over what their cloud tells."""
-    ratio = np.abs(values.ravel()[cells]) / told.ravel()[cells]
+def _strayed(values: Map, stated: Map, cells: NDArray[np.intp]) -> float:
+    """Median of what some cells stray, over what their cloud states."""
+    ratio = np.abs(values.ravel()[cells]) / stated.ravel()[cells]
     return median(ratio[np.isfinite(ratio)])
 
 
@@ -163,20 +163,20 @@ def measured_noise(
     sample = bare & known
     if sample.sum() < 100:
         sample = known
-    told = lattice.sigma
-    extra = told if told is not None else _local(deviation, sample, lattice)
+    stated = lattice.sigma
+    extra = stated if stated is not None else _local(deviation, sample, lattice)
     usual = median_of(extra[sample])
     calm = np.flatnonzero(sample & (extra <= usual))
     calm = calm[:: 1 + len(calm) // _ENOUGH]
     explained = 0.0
     reach = _SHORT
-    if told is not None:
-        rough = np.flatnonzero(sample & (told >= usual))
+    if stated is not None:
+        rough = np.flatnonzero(sample & (stated >= usual))
         rough = rough[:: 1 + len(rough) // _ENOUGH]
-        ratios = [_strayed(values, told, rough) for values in (deviation, *maps)]
-        really = float(np.clip(NORMAL_SPREAD * ratios[0], *_TOLD))
+        ratios = [_strayed(values, stated, rough) for values in (deviation, *maps)]
+        really = float(np.clip(NORMAL_SPREAD * ratios[0], *_STATED))
         reach = _correlated(ratios, scales)
-        extra = np.float32(really) * told
+        extra = np.float32(really) * stated
         explained = median(extra.ravel()[calm])
     common = []
     for values, scale in zip((deviation, *maps), (0.0, *scales), strict=True):

@@ -57,11 +57,11 @@ def plates(
     """
     if not raised:
         return
-    told = math.nan if lattice.resolution is None else float(np.nanmedian(lattice.resolution))
-    within = _WITHIN * told if math.isfinite(told) else _SUPPOSED
+    stated = math.nan if lattice.resolution is None else float(np.nanmedian(lattice.resolution))
+    within = _WITHIN * stated if math.isfinite(stated) else _SUPPOSED
     spacing = max(lattice.spacing)
     reach = max(1, round(within / 2 / spacing))
-    sharp = _sharp(2 * reach * spacing / told) if math.isfinite(told) else 1.0
+    sharp = _sharp(2 * reach * spacing / stated) if math.isfinite(stated) else 1.0
     rise, measured = rise_of(deviation, part, reach)
     for place in raised:
         agreed = beside_contour(contour, lattice, deviation, place, tolerance)

@@ -1,4 +1,4 @@
-"""What the reconstruction leaves of a surface, by the resolution that a cloud tells."""
+"""What the reconstruction leaves of a surface, by the resolution that a cloud states."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Fits in Gaussian windows, each of which corrects the ones before, that a cloud comes from if it
-# tells its resolution: of a wave they leave out (1 - G)^fits.
+# states its resolution: of a wave they leave out (1 - G)^fits.
 FITS = 4
 
 Field = NDArray[np.float64]
