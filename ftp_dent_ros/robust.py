@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 # Standard deviation of a normal distribution over its median absolute deviation: 1 over its upper
 # quartile.
 NORMAL_SPREAD = 1.4826
+#: Fits of robust least squares, each with the weights of what the last one left.
+FITS = 5
+# Residual that counts a quarter then, standard deviations: of a hundred normal ones, all count.
+_QUARTER = 4.0
 
 
 def median(values: NDArray[np.number]) -> float:
@@ -40,3 +44,18 @@ def geman_mcclure(
 ) -> NDArray[np.float64]:
     """Geman and McClure's weight of least squares, a quarter at the squared residual `quarter`."""
     return 1 / np.square(1 + square / quarter)
+
+
+def redescending(residuals: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Geman and McClure's weights of least squares by what the last fit left."""
+    quarter = max(_QUARTER * deviation(residuals), np.finfo(np.float32).tiny)
+    return geman_mcclure(np.square(residuals), quarter**2)
+
+
+def fitted(terms: NDArray[np.floating], values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Coefficients of terms, shape (unknowns, n), that robust least squares give for values."""
+    weighted = terms
+    for _ in range(FITS):
+        found = np.linalg.lstsq(weighted @ terms.T, weighted @ values, rcond=None)[0]
+        weighted = terms * redescending(values - found @ terms)
+    return found

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.coverage import Coverage
-from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.checks.epipolar import EpipolarCheck
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ one another. What they have in common does not part them: where they scatter by 
 each is stated to be uncertain by, the rest is taken for an error that all share, such as that of
 a skin over which the drone hovers. They tell against the rig where light lies farther
 beside the epipolar lines than a calibration errs, by so much more that scatter would do it in
-one of `ONE_IN` scenes.
+one of `ONE_IN` scenes (`checks/epipolar.py`).
 """
 
 from __future__ import annotations
@@ -14,19 +14,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
-from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.checks.epipolar import EpipolarCheck
 
 #: Clouds that are looked back on, and the fewest.
 LAST, FEWEST = 5, 3
-#: Scenes of a true rig in one of which clouds tell against it, if what they see scatters normally.
-ONE_IN = 200_000
 #: What stays between light and epipolar lines, projector pixels, in the middle and at the places
 #: that turn and stretch are seen by: of a good calibration 0.025, of rows through windows 0.015.
 TOLERANCE = 0.04
-# Unknowns of the fit.
-_FITTED = 3
 
 
 def joint(checks: Sequence[EpipolarCheck]) -> NDArray[np.float64]:
@@ -41,8 +36,7 @@ def joint(checks: Sequence[EpipolarCheck]) -> NDArray[np.float64]:
     ndarray, shape (2, 3)
         Projector pixels, turn and stretch at the places that they are seen by.
     """
-    figures = np.array([_figures(check) for check in checks])
-    values, deviations = figures[:, 0], figures[:, 1]
+    values, deviations = np.array([check.figures for check in checks]).swapaxes(0, 1)
     weight = 1 / np.square(deviations)
     total = weight.sum(axis=0)
     mean = (weight * values).sum(axis=0) / total
@@ -52,23 +46,9 @@ def joint(checks: Sequence[EpipolarCheck]) -> NDArray[np.float64]:
     return np.stack([mean, np.sqrt(scatter / count + np.maximum(stated - scatter, 0))])
 
 
-def _figures(check: EpipolarCheck) -> list[list[float]]:
-    """Shift, turn and stretch of one cloud, and their deviations, projector pixels."""
-    return [
-        [check.shift, check.reach * check.turn, check.height * check.stretch],
-        [
-            check.shift_deviation,
-            check.reach * check.turn_deviation,
-            check.height * check.stretch_deviation,
-        ],
-    ]
-
-
 def off(checks: Sequence[EpipolarCheck]) -> bool:
     """Whether clouds together tell of a shift, a turn or a stretch."""
-    freedom = min(check.places for check in checks) - _FITTED
-    # Two sides of three figures.
-    sure = float(stdtrit(freedom, 1 - 1 / ONE_IN / 6))
+    sure = max(check.sure for check in checks)
     mean, deviation = joint(checks)
     return bool((np.abs(mean) > TOLERANCE + sure * deviation).any())
 

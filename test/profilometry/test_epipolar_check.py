@@ -6,10 +6,9 @@ import pytest
 from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.files import config_folder
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.epipolar_check import check_epipolar
-from ftp_dent_ros.profilometry.projector_rows import Rows
-from ftp_dent_ros.profilometry.rig_alarm import ONE_IN, TOLERANCE, joint, off, rig_alarm
-from ftp_dent_ros.profilometry.rows_check import check_rows
+from ftp_dent_ros.profilometry.checks.epipolar import ONE_IN, check_epipolar, check_rows
+from ftp_dent_ros.profilometry.checks.rows import Rows
+from ftp_dent_ros.profilometry.rig_alarm import TOLERANCE, joint, off, rig_alarm
 from ftp_dent_ros.rig.rig import read_rig
 
 PATTERN = Pattern(1280, 720, 10.0, 640.0, code='contrast')
@@ -34,8 +33,8 @@ def rows(rng, noise=0.005, away=lambda u, v: 0.0, pattern=PATTERN, seen=None):
     return Rows(u_p, v_p, contrast, inside if seen is None else inside & seen, RAYS[..., :2])
 
 
-def check(*surfaces, pattern=PATTERN):
-    return check_epipolar(RIG, pattern, surfaces, WINDOW)
+def check(seen, pattern=PATTERN):
+    return check_epipolar(RIG, pattern, seen, WINDOW)
 
 
 @pytest.mark.parametrize(
@@ -93,22 +92,11 @@ def test_a_level_shadow_over_all_of_the_skin_is_no_other_scale_of_rows(slope):
     assert found.strength == pytest.approx(check(plain).strength, rel=0.1)
 
 
-def test_surfaces_are_taken_together():
-    x, _ = NODES
-    parts = [
-        rows(np.random.default_rng(0), away=lambda u, v: 0.4, seen=seen)
-        for seen in (x < 700, x >= 700)
-    ]
-    both = check(*parts)
-    assert both.places > max(check(part).places for part in parts)
-    assert both.shift == pytest.approx(0.4, abs=4 * both.shift_deviation)
-
-
 def test_says_nothing_where_too_little_is_seen_or_told():
     x, _ = NODES
     seen = rows(np.random.default_rng(0))
     assert check(rows(np.random.default_rng(0), seen=x < 200)) is None
-    assert check() is None
+    assert check(rows(np.random.default_rng(0), seen=x < 0)) is None
     assert check(seen, pattern=replace(PATTERN, code='stripe')) is None
     assert check(seen, pattern=replace(PATTERN, row_depth=0.0)) is None
 

@@ -21,6 +21,7 @@ from ftp_dent_ros.profilometry.carrier import (
     measured_carrier,
     plane_through,
 )
+from ftp_dent_ros.profilometry.checks.frame import check_frame
 from ftp_dent_ros.profilometry.fourier_transform.absolute_phase import fringe_order
 from ftp_dent_ros.profilometry.fourier_transform.demodulation import demodulate
 from ftp_dent_ros.profilometry.fourier_transform.fourier import phase_of
@@ -31,9 +32,7 @@ from ftp_dent_ros.profilometry.fourier_transform.reference import (
 )
 from ftp_dent_ros.profilometry.fourier_transform.region import Window, clipped, lit_region, trusted
 from ftp_dent_ros.profilometry.fourier_transform.stripe import Stripe, find_stripe
-from ftp_dent_ros.profilometry.lit_area import WINDOWED, LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
-from ftp_dent_ros.profilometry.pattern_check import check_pattern
 from ftp_dent_ros.profilometry.settings import Settings
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.profilometry.unwrapping import unwrap
@@ -127,7 +126,7 @@ class FourierTransform:
         shape = self._rays.shape[:2]
         whole, lit = np.zeros(shape, np.float32), np.zeros(shape, bool)
         whole[window.rows, window.columns], lit[window.rows, window.columns] = phase, valid
-        return check_pattern(LitArea(self.rig, self.pattern, self._rays, whole, lit, WINDOWED))
+        return check_frame(self.rig, self.pattern, self._rays, whole, lit)
 
     def _points_of(self, stripe: Stripe) -> NDArray[np.floating]:
         """Points on the stripe, shape (points, 3), metres."""

@@ -13,16 +13,16 @@ from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.errors import (
     NoStripeError,
     OtherPatternError,
-    PatternError,
     RefusedFrameError,
-    RigError,
     SaturatedError,
     TooDarkError,
 )
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.epipolar_check import EpipolarCheck
+from ftp_dent_ros.profilometry.checks.epipolar import EpipolarCheck, check_epipolar, check_rows
+from ftp_dent_ros.profilometry.checks.frame import ADVICE, check_frame, described
+from ftp_dent_ros.profilometry.checks.rows import Rows
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     WIDTH,
     BinGrid,
@@ -30,8 +30,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     dilated,
     wider_than_windows,
 )
-from ftp_dent_ros.profilometry.fringe_model.checks import check_surfaces
-from ftp_dent_ros.profilometry.fringe_model.ends import beyond_steps, led_to_ends, lit_bins
+from ftp_dent_ros.profilometry.fringe_model.ends import lit_bins
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import EXPLAINED, WORD, OrderLikelihood
@@ -39,7 +38,7 @@ from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, Pixels, Sheet
 from ftp_dent_ros.profilometry.fringe_model.points import Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
-from ftp_dent_ros.profilometry.fringe_model.solver import Solver
+from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
 from ftp_dent_ros.profilometry.fringe_model.start import (
     LEAST_NODES,
     PLANES,
@@ -48,9 +47,7 @@ from ftp_dent_ros.profilometry.fringe_model.start import (
     fit_planes,
 )
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
-from ftp_dent_ros.profilometry.lit_area import LitArea
 from ftp_dent_ros.profilometry.measurement import Measurement
-from ftp_dent_ros.profilometry.pattern_check import check_pattern, other_code, too_steep
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import wrap
 from ftp_dent_ros.rig.rig import Rig
@@ -62,8 +59,6 @@ _BEYOND = 1.5
 _SMOOTH, _OFF = 0.5, 1.0
 # Fringes that the strip is high which shows the code's blur first.
 _STRIP = 10.0
-# Periods over the given one, whose fringes planes come near to.
-_RATIOS = 0.5, 0.7, 1.4, 2.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = _TURN
 
@@ -77,7 +72,8 @@ _CLIPPED_SENTENCE = (
     'the fringes are clipped over {:.0%} of the lit area: expose for a shorter time'
 )
 _DARK = (
-    'no part of the image shows fringes: switch the projector on, come closer, or expose longer'
+    'no part of the image shows fringes of the given pattern: switch the projector on, come '
+    'closer, expose longer, or give the pattern that is projected (pattern.yaml)'
 )
 _UNLIT = (
     'the fringes are seen where the projector cannot light a surface: check that rig.yaml and the '
@@ -103,8 +99,6 @@ class _Numbered:
     ----------
     light, usable : ndarray, shape (rows, columns), float32
         Light that has fringes everywhere, and what of it the panel lights and is not clipped.
-    lit : ndarray of bool, shape (rows, columns)
-        What the panel lights.
     phase, reference : ndarray, shape (rows, columns), float32
         Absolute, and that of smooth surfaces, radians.
     surface : ndarray, shape (rows, nodes), int32
@@ -113,19 +107,19 @@ class _Numbered:
         Where a surface has fringes, and where its light is clipped.
     lead : ndarray, shape (rows, nodes), or None
         What paint makes of the phase, radians.
-    area : LitArea
+    area : (ndarray of bool, ndarray), shape (rows, columns)
+        Bins between the ends of the light, and the phase there, radians.
     """
 
     light: NDArray[np.float32]
     usable: NDArray[np.float32]
-    lit: NDArray[np.bool_]
     phase: NDArray[np.float32]
     reference: NDArray[np.float32]
     surface: NDArray[np.int32]
     fringes: NDArray[np.bool_]
     clipped: NDArray[np.bool_]
     lead: NDArray[np.float32] | None
-    area: LitArea
+    area: tuple[NDArray[np.bool_], NDArray[np.float32]]
 
 
 class FringeModel:
@@ -170,29 +164,21 @@ class FringeModel:
         """Fringes whose orders have the odds, and all that the solver starts from."""
         light = Light.of(photograph, self.grid, self.pattern.code == 'stripe')
         start = self._start(light)
-        try:
-            orders, numbered = self._orders(light, start)
-        except (NoStripeError, TooDarkError):
-            self._check_other_periods(photograph, start.explained)
-            raise
+        orders, numbered = self._orders(light, start)
         phase, reference, surface = self._absolute(start, orders, numbered)
         at_nodes = self.grid.at_nodes(phase)
         outside = np.abs(at_nodes) > _STRIPE + 2 * WIDTH * _TURN
         outside = start.fringes & (outside | (self.pattern.code == 'contrast'))
         plain = self._filled(light, start, phase, outside)
         lit = self._lit(at_nodes)
-        area = self._area(light, start, numbered, phase, reference)
-        if self.pattern.code == 'stripe':
-            beyond = beyond_steps(self.grid, area, start.edges, at_nodes)
-            surface = np.where(beyond, -1, surface)
+        area = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
         lead = None
         if len(light.colours) > 1:
             lead = Nearest(outside)(lead_of_paint(self.grid, start.colours, light.shares, outside))
         clipped = self.grid.at_nodes(light.usable) < _CLIPPED
         return _Numbered(
             plain,
-            light.usable * lit * self._within_ends(area, numbered >= 0, start.surface >= 0),
-            lit,
+            light.usable * lit * self._within_ends(area[0], numbered >= 0, start.surface >= 0),
             phase,
             reference,
             surface,
@@ -226,10 +212,9 @@ class FringeModel:
             clipped=given.clipped,
             **{reason: given.surface < 0},
         )
-        area = given.area
-        led = led_to_ends(self.grid, area.lit, given.lit, given.reference, fit.phase)
-        area = replace(area, phase=np.where(given.lit & area.lit, led, area.phase))
-        confirmed, epipolar = check_surfaces(area, self.grid, fit, points.surfaces)
+        lit, onwards = given.area
+        confirmed = check_frame(self.rig, self.pattern, self._bins.rays, onwards, lit)
+        epipolar = self._rows(fit, points)
         coverage = replace(coverage, confirmed=confirmed)
         return points.sheets, points.stripe_depth, coverage, epipolar
 
@@ -241,42 +226,28 @@ class FringeModel:
         lights = light.unbroken, light.colours, light.usable
         return fit_planes(self.grid, *lights, self._planes, self._steps)
 
-    def _area(self, light: Light, start: Start, numbered, phase, reference) -> LitArea:
-        """Where the light ends, and the phase, by the first fit: whatever the panel's rims are."""
-        lit, onwards = lit_bins(self.grid, light, start, numbered >= 0, reference, phase)
-        return LitArea(self.rig, self.pattern, self._bins.rays, onwards, lit)
-
     def _within_ends(
-        self, area: LitArea, known: NDArray[np.bool_], fringes: NDArray[np.bool_]
+        self, lit: NDArray[np.bool_], known: NDArray[np.bool_], fringes: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Bins between the ends of the light, with whole windows on a surface, or near another."""
         whole = ~dilated(~known, _WHOLE, _WHOLE)
         near = dilated(wider_than_windows(fringes & ~known), _NEAR, _NEAR)
-        return area.lit | self.grid.repeated(whole | near)
+        return lit | self.grid.repeated(whole | near)
 
-    def _check_other_periods(self, photograph: Photograph, explained: float) -> None:
-        """Raise `OtherPatternError` if planes of another period come nearer to the fringes.
-
-        Their phase about the stripe is the same, whatever their period.
-        """
-        for ratio in _RATIOS:
-            try:
-                other = replace(self.pattern, period_px=ratio * self.pattern.period_px)
-                model = FringeModel(self.rig, other, self.stride)
-                light = Light.of(photograph, model.grid, self.pattern.code == 'stripe')
-                start = model._start(light)
-                if start.explained < explained:
-                    continue
-                orders, numbered = model._orders(light, start)
-            except OtherPatternError:
-                raise other_code(self.pattern) from None
-            except (PatternError, RigError, RefusedFrameError):
-                continue
-            phase, reference, _ = model._absolute(start, orders, numbered)
-            area = model._area(light, start, numbered, phase, reference)
-            area = replace(area, pattern=self.pattern)
-            check_pattern(area)
-            raise too_steep(area)
+    def _rows(self, fit: FringeFit, points: Points) -> EpipolarCheck | None:
+        """What the rows of the projector say of pattern and rig."""
+        phase = np.full(self.grid.node_shape, np.nan, np.float32)
+        for surface, certain in points.surfaces:
+            phase[certain] = surface[certain]
+        contrast = self.grid.at_nodes(fit.amplitude) / np.maximum(self.grid.at_nodes(fit.level), 1)
+        _, v_p = self._nodes.meet(phase)
+        column = self.pattern.column(phase)
+        rows = Rows(column, v_p, contrast, np.isfinite(phase), self._nodes.rays)
+        window = WIDTH * self.pattern.period_px
+        found = check_epipolar(self.rig, self.pattern, rows, window)
+        if found is not None:
+            check_rows(self.pattern, found)
+        return found
 
     def _orders(self, light: Light, start: Start) -> tuple[dict[int, int], NDArray[np.int32]]:
         """Fringe orders that have the odds, and the number of each node's, -1 without."""
@@ -303,7 +274,7 @@ class FringeModel:
                 surface[part] = len(orders)
                 orders[len(orders)] = order
         if unexplained > 0:
-            raise other_code(self.pattern)
+            raise self._other_code()
         if not orders:
             raise self._unnumbered(start)
         return orders, surface
@@ -313,8 +284,14 @@ class FringeModel:
         sizes = np.bincount(start.surface[start.surface >= 0])
         largest = start.phase[start.surface == sizes.argmax()]
         if self.pattern.code == 'contrast' and np.ptp(largest) > WORD * _TURN:
-            return other_code(self.pattern)
+            return self._other_code()
         return NoStripeError(_UNNUMBERED[self.pattern.code])
+
+    def _other_code(self) -> OtherPatternError:
+        return OtherPatternError(
+            'the code of the fringes is of another pattern than one of '
+            f'{described(self.pattern)}: {ADVICE}'
+        )
 
     def _code(self, light: Light, start: Start):
         """Amplitude of the coded light over the other's, and its weight (eq. 7)."""

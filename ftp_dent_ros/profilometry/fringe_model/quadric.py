@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Fits, each with the weights of what the last one left (Geman and McClure's function).
-_FITS = 5
+from ftp_dent_ros.robust import fitted
+
 # Points that a fit is through, about: six unknowns need no more.
 _POINTS = 1500
 
@@ -28,15 +28,7 @@ class Quadric:
     ) -> Quadric:
         """Robust quadric through points, arrays of shape (points,): dents are outliers."""
         x, y, values = (each[:: max(1, len(x) // _POINTS)] for each in (x, y, inverse_depth))
-        terms = _terms(x, y)
-        weight = np.ones(len(values))
-        for _ in range(_FITS):
-            weighted = terms * weight
-            c = np.linalg.lstsq(weighted @ terms.T, weighted @ values, rcond=None)[0]
-            left = values - c @ terms
-            scale = 1.48 * np.median(np.abs(left)) + 1e-9
-            weight = 1 / np.square(1 + np.square(left / (4 * scale)))
-        return cls(c)
+        return cls(fitted(_terms(x, y), values))
 
     def at(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.float32]:
         """Inverse depth at places, x and y that broadcast."""

@@ -50,16 +50,8 @@ class Start:
         Number of the surface, -1 where there are no fringes.
     level, amplitude : ndarray, shape (rows, nodes), float32
         Of the fit about the best plane.
-    reference : ndarray, shape (rows, columns), float32
-        Phase of the best plane, at the bins.
-    away : ndarray, shape (rows, nodes), float32
-        Phase about that plane's.
     fringes : ndarray of bool, shape (rows, nodes)
         Where fringes are seen, those at the rims of surfaces too.
-    edges : ndarray of bool, shape (rows, nodes)
-        Where windows see two sides of an edge of paint, light or skin.
-    explained : float
-        Share of the light that the best planes explain, mean over the picture.
     own : LocalFit
         About that phase, of the light that has fringes everywhere.
     colours : list of LocalFit
@@ -70,11 +62,7 @@ class Start:
     surface: NDArray[np.int32]
     level: NDArray[np.float32]
     amplitude: NDArray[np.float32]
-    reference: NDArray[np.float32]
-    away: NDArray[np.float32]
     fringes: NDArray[np.bool_]
-    edges: NDArray[np.bool_]
-    explained: float
     own: LocalFit
     colours: list[LocalFit]
 
@@ -153,27 +141,21 @@ def fit_planes(
     variance = 2 * rest / (strength * grid.bins_in_window)
     fringes = (variance < _DEVIATION**2) & (amplitude > _FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
-    edges, leaps = _edges(grid, wrapped, rest, np.float32(steps) * strength, fringes)
+    leaps = _leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
     unwrapped = unwrap(wrapped, fringes & ~leaps, jump=_JUMP)
     away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
-    reference = planes[best].at_bins
-    turn = reference + grid.at_bins(away)
+    turn = planes[best].at_bins + grid.at_bins(away)
     windows = Windows(grid, np.cos(turn), -np.sin(turn), usable)
     own = windows.fit(light)
-    surface = _near(
-        unwrapped.part, of(explained), 1 - own.rest / np.maximum(own.total, np.float32(1e-6))
-    )
+    own_explained = 1 - own.rest / np.maximum(own.total, np.float32(1e-6))
+    surface = _near(unwrapped.part, of(explained), own_explained)
     return Start(
         planes[best].at_nodes + away,
         surface,
         level,
         amplitude,
-        reference,
-        away,
         fringes,
-        edges,
-        float(of(explained).mean()),
         own,
         [own if each is light else windows.fit(each) for each in colours],
     )
@@ -189,14 +171,14 @@ def _near(part: NDArray[np.int32], *explained: NDArray[np.float32]) -> NDArray[n
     return np.where(((plane > _NEAR * own) & (size >= LEAST_NODES))[part], part, -1)
 
 
-def _edges(
+def _leaps(
     grid: BinGrid,
     wrapped: NDArray[np.float32],
     rest: NDArray[np.float32],
     least: NDArray[np.float32],
     fringes: NDArray[np.bool_],
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Nodes of edges in the light, and of those across which the phase leaps, or nothing is.
+) -> NDArray[np.bool_]:
+    """Nodes of edges in the light across which the phase leaps, or nothing is.
 
     A window across a step mixes two surfaces and explains its light worse than those beside.
     Where only paint or light leaps, the phase goes on; behind a step of whole fringes its slope
@@ -234,7 +216,8 @@ def _edges(
     count, line = cv2.connectedComponents(joined)
     usual = np.zeros(count)
     usual[1:] = ndimage.median(leap, np.where(leap >= 0, line, 0), np.arange(1, count))
-    return edge, rim | ((joined > 0) & (usual > _LEAP)[line])
+    leaps: NDArray[np.bool_] = rim | ((joined > 0) & (usual > _LEAP)[line])
+    return leaps
 
 
 def _moved(nodes: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:

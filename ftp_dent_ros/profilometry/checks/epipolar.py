@@ -8,35 +8,35 @@ another depth, and is seen only by what of it leads off them: a shift and a stre
 less.
 
 A shift, a turn and a stretch are fitted to what blocks of the photograph show. How the blocks
-scatter, with all that they see, is the uncertainty.
+scatter, with all that they see, is the uncertainty. Another pattern or rig is refused; what a
+calibration may err by is for `ftp_dent_ros.profilometry.rig_alarm`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
+from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.projector_rows import Blocks, Rows, blocks_of
+from ftp_dent_ros.profilometry.checks.frame import ADVICE
+from ftp_dent_ros.profilometry.checks.rows import COLUMNS, PERIODS, Blocks, Rows, blocks_of
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig.rig import Rig
-from ftp_dent_ros.robust import NORMAL_SPREAD
+from ftp_dent_ros.robust import FITS, redescending
 
-# What is searched before the fit: turns and stretches up to so much.
-_MOST_TURN, _MOST_STRETCH = 0.06, 0.12
-# Standard deviation of the blocks' places along u and v from which on turn and stretch are known.
-_LEAST_REACH = 60.0
-# Fits, each without the blocks that the last one found off by so many standard deviations.
-_FITS, _MOST_OFF = 6, 4.0
-# Projector pixels by which the last fit may change the shift.
-_SETTLED = 1e-4
-# Signal over scatter below which the rows are not seen, and an amplitude to divide by then.
-_SEEN, _FAINTEST = 6.0, 1e-4
+#: Photographs of which one tells of a shift, a turn or a stretch that is not there, if what the
+#: blocks leave is normal.
+ONE_IN = 200_000
+# Turns and stretches up to which the way is found.
+_MOST = 0.1
+# Projector pixels beside the epipolar lines: far more than what a calibration errs by.
+_FAR = 8.0
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,21 @@ class EpipolarCheck:
     blind_depth_error: float
 
     @property
+    def figures(self) -> NDArray[np.float64]:
+        """Shift, turn and stretch where they are seen, and deviations, pixels, shape (2, 3)."""
+        lever = np.array([1.0, self.reach, self.height])
+        deviations = self.shift_deviation, self.turn_deviation, self.stretch_deviation
+        return lever * [[self.shift, self.turn, self.stretch], deviations]
+
+    @property
+    def sure(self) -> float:
+        """Standard deviations from which on one of two sides of three figures is no chance."""
+        return float(stdtrit(self.places - 3, 1 - 1 / ONE_IN / 6))
+
+    @property
     def seen(self) -> bool:
         """Whether the rows are seen at all: without, nothing else here means anything."""
-        return self.strength > _SEEN * self.strength_deviation
+        return self.strength > self.sure * self.strength_deviation
 
     @property
     def sentence(self) -> str:
@@ -102,9 +114,35 @@ class EpipolarCheck:
         )
 
 
-def check_epipolar(
-    rig: Rig, pattern: Pattern, surfaces: Sequence[Rows], window: float
-) -> EpipolarCheck | None:
+def check_rows(pattern: Pattern, found: EpipolarCheck) -> None:
+    """Raise the reason if the rows of the projector cannot be those of the given pattern.
+
+    Raises
+    ------
+    OtherPatternError
+        Surely, the contrast does not change half as much along the fringes as it must; or it
+        does, but in another scale, or far beside the epipolar lines.
+    """
+    if 2 * (found.strength + found.sure * found.strength_deviation) < 1:
+        raise OtherPatternError(
+            f'along the fringes the contrast does not change every {pattern.row_period_px:g} px '
+            f'as the given pattern has it (row_depth, row_period_px): {ADVICE}'
+        )
+    values, deviations = found.figures
+    far = found.seen & (np.abs(values) > _FAR + found.sure * deviations)
+    if far[2]:
+        raise OtherPatternError(
+            f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as rig and '
+            f'pattern have them: {ADVICE}, and let the projector show images of its own '
+            'resolution'
+        )
+    if far.any():
+        raise OtherPatternError(
+            f'the light lies {np.abs(values).max():.0f} px beside its epipolar lines: {ADVICE}'
+        )
+
+
+def check_epipolar(rig: Rig, pattern: Pattern, rows: Rows, window: float) -> EpipolarCheck | None:
     """Check a rig by the rows of the projector that its surfaces show.
 
     Parameters
@@ -117,53 +155,44 @@ def check_epipolar(
     EpipolarCheck or None
         None where the pattern does not tell its rows, or too little of it is seen.
     """
-    if not pattern.tells_rows or not surfaces:
+    if not pattern.tells_rows:
         return None
-    blocks = blocks_of(pattern, surfaces)
-    if blocks is None:
+    blocks = blocks_of(pattern, rows)
+    if len(blocks.u) < 2 * 3:
         return None
     turn = 2 * math.pi / pattern.row_period_px
     middle = [float(np.average(each, weights=blocks.weight)) for each in (blocks.u, blocks.v)]
     terms = np.stack([np.ones_like(blocks.u), blocks.u - middle[0], blocks.v - middle[1]], axis=1)
-    reach, height = (
-        math.sqrt(float(np.average(np.square(each), weights=blocks.weight)))
-        for each in terms.T[1:]
-    )
-    if reach < _LEAST_REACH or height < _LEAST_REACH:
+    reach, height = np.sqrt(np.average(np.square(terms[:, 1:]), axis=0, weights=blocks.weight))
+    if min(reach / COLUMNS, height / (PERIODS * pattern.row_period_px)) < 0.5:
         return None
     found = _nearest(terms, blocks, turn)
-    trusted = np.ones_like(blocks.u)
-    for _ in range(_FITS):
-        weight = blocks.weight * trusted
+    weight = blocks.weight
+    for _ in range(FITS):
         away = blocks.wave * np.exp(-1j * turn * (terms @ found))
-        amplitude = max(float(np.average(away.real, weights=weight)), _FAINTEST)
+        amplitude = abs(np.average(away, weights=weight))
         beside = away.imag / (amplitude * turn)
         inverse = np.linalg.inv(terms.T @ (weight[:, None] * terms))
         step = inverse @ (terms.T @ (weight * beside))
         found = found + step
         rest = beside - terms @ step
-        held = np.abs(rest) <= _MOST_OFF * NORMAL_SPREAD * np.median(np.abs(rest))
-        if (held == trusted).all() and np.abs(step[0]) < _SETTLED:
-            break
-        trusted = held.astype(float)
-    noise = np.square(weight * away.imag).sum() / weight.sum() ** 2
+        used, weight = weight, blocks.weight * redescending(rest)
+    noise = np.square(used * away.imag).sum() / used.sum() ** 2
     given = _given_amplitude(pattern, window)
-    deviation = np.sqrt(np.diag(_covariance(terms, rest, weight, inverse, blocks.place)))
+    deviation = np.sqrt(np.diag(_covariance(terms, rest, used, inverse, blocks.place)))
     at_axis = found[0] - found[1] * (middle[0] - rig.projector.camera_matrix[0, 2])
-    shift, turned, stretch = (float(each) for each in found)
-    deviations = [float(each) for each in deviation]
-    depth_error, blind = _depth_errors(rig, blocks, float(at_axis), turned)
+    depth_error, blind = _depth_errors(rig, blocks, float(at_axis), found[1])
     return EpipolarCheck(
-        shift=shift,
-        shift_deviation=deviations[0],
-        turn=turned,
-        turn_deviation=deviations[1],
-        stretch=stretch,
-        stretch_deviation=deviations[2],
-        reach=reach,
-        height=height,
-        places=int(np.count_nonzero(weight)),
-        strength=amplitude / given,
+        shift=float(found[0]),
+        shift_deviation=float(deviation[0]),
+        turn=float(found[1]),
+        turn_deviation=float(deviation[1]),
+        stretch=float(found[2]),
+        stretch_deviation=float(deviation[2]),
+        reach=float(reach),
+        height=float(height),
+        places=len(blocks.u),
+        strength=float(amplitude / given),
         strength_deviation=math.sqrt(noise) / given,
         depth_error=depth_error,
         blind_depth_error=blind,
@@ -186,7 +215,7 @@ def _nearest(terms: NDArray, blocks: Blocks, turn: float) -> NDArray[np.float64]
         count = math.floor(most / step)
         return step * np.arange(-count, count + 1)
 
-    turns, stretches = steps(terms[:, 1], _MOST_TURN), steps(terms[:, 2], _MOST_STRETCH)
+    turns, stretches = (steps(places, _MOST) for places in terms.T[1:])
     tried = np.stack([each.ravel() for each in np.meshgrid([0.0], turns, stretches)], axis=1)
     sums = np.exp(-1j * turn * (tried @ terms.T)) @ (blocks.weight * blocks.wave)
     best = int(np.abs(sums).argmax())

@@ -1,0 +1,1 @@
+"""Whether one photograph can be of the given pattern and rig: its frame, and its rows."""
