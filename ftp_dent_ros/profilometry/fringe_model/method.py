@@ -52,7 +52,6 @@ from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import wrap
 from ftp_dent_ros.rig.rig import Rig
 
-_TURN = 2 * math.pi
 # Fringes beyond the nodes of a surface within which its bins may go on.
 _BEYOND = 1.5
 # Fringes over which the start is smooth, and what it may differ by from the first fit, radians.
@@ -60,7 +59,7 @@ _SMOOTH, _OFF = 0.5, 1.0
 # Fringes that the strip is high which shows the code's blur first.
 _STRIP = 10.0
 # Half width of what the blurred stripe takes of green and blue: a fringe.
-_STRIPE = _TURN
+_STRIPE = math.tau
 
 # Nodes to each side that a whole window has (two deviations), and in which another surface is seen
 # (two fringes).
@@ -167,7 +166,7 @@ class FringeModel:
         orders, numbered = self._orders(light, start)
         phase, reference, surface = self._absolute(start, orders, numbered)
         at_nodes = self.grid.at_nodes(phase)
-        outside = np.abs(at_nodes) > _STRIPE + 2 * WIDTH * _TURN
+        outside = np.abs(at_nodes) > _STRIPE + 2 * WIDTH * math.tau
         outside = start.fringes & (outside | (self.pattern.code == 'contrast'))
         plain = self._filled(light, start, phase, outside)
         lit = self._lit(at_nodes)
@@ -283,7 +282,7 @@ class FringeModel:
         """Why no surface has a number: enough fringes with another code, or too few."""
         sizes = np.bincount(start.surface[start.surface >= 0])
         largest = start.phase[start.surface == sizes.argmax()]
-        if self.pattern.code == 'contrast' and np.ptp(largest) > WORD * _TURN:
+        if self.pattern.code == 'contrast' and np.ptp(largest) > WORD * math.tau:
             return self._other_code()
         return NoStripeError(_UNNUMBERED[self.pattern.code])
 
@@ -310,7 +309,7 @@ class FringeModel:
         known = numbered >= 0
         nearest = Nearest(known)
         label = nearest(numbered)
-        phase = start.phase + _TURN * np.array(list(orders.values()), np.float32)[label]
+        phase = start.phase + math.tau * np.array(list(orders.values()), np.float32)[label]
         inverse, _ = self._nodes.meet(phase)
         reference, away = np.empty(self.grid.shape, np.float32), np.empty_like(phase)
         for number in orders:

@@ -19,16 +19,13 @@ from scipy.special import logsumexp
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
 
-_TURN = 2 * math.pi
 # Cells a fringe, and fringes that a cell is high: windows of half a fringe resolve no more.
 _CELLS, _HIGH = 2, 1.0
 # Share of the code's light that noise leaves: a limit of logarithms.
 _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
-_GAINS = (0.15, 0.3, 0.55, 1.0, 1.8)
-_SCATTERS = (0.03, 0.1, 0.3)
-# Those by which the likeliest orders are found, and so many of them are held against each other.
-_USUAL, _RIVALS = (0.1, 0.7), 4
+_GAINS = (0.3, 0.55, 1.0)
+_SCATTERS = (0.03, 0.1)
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
 #: Odds of the accepted order against all others together, and fringes without any code.
@@ -105,8 +102,8 @@ class OrderLikelihood:
         """
         row, column = np.nonzero(inside)
         place = phase[row, column]
-        low = math.floor(float(place.min()) / _TURN + 0.25)
-        cell = ((place / _TURN + 0.25 - low) * _CELLS).astype(int)
+        low = math.floor(float(place.min()) / math.tau + 0.25)
+        cell = ((place / math.tau + 0.25 - low) * _CELLS).astype(int)
         block = row // max(1, round(_HIGH * rows))
         shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
         index = block * shape[1] + cell
@@ -126,29 +123,21 @@ class OrderLikelihood:
         orders = self._lit_orders(low, place)
         if not known.any() or not len(orders):
             return [], math.nan
-        each = self._likelihood(step, noise, orders, low, *_USUAL)
-        few = np.argsort(each.sum(axis=(1, 2)))[-_RIVALS:]
-        pairs = [(scatter, gain) for scatter in _SCATTERS for gain in _GAINS]
-        of_pairs = [self._likelihood(step, noise, orders[few], low, *pair) for pair in pairs]
+        pairs = list(itertools.product(_SCATTERS, _GAINS))
+        each = np.stack([self._likelihood(step, noise, orders, low, *pair) for pair in pairs])
+        plain = [self._likelihood(step, noise, orders[:1], low, s, 0) for s, _ in pairs]
+        all_rows, none = each.sum(axis=3), np.sum(plain, axis=3)
         # Either all rows show the code, or some of them lie behind a step, as likely as not.
-        plain = [self._likelihood(step, noise, few[:1], low, s, 0).sum(axis=2) for s in _SCATTERS]
-        all_rows = [pair.sum(axis=2) for pair in of_pairs]
-        some = [
-            np.logaddexp(row, none) - math.log(2)
-            for row, none in zip(all_rows, np.repeat(plain, len(_GAINS), axis=0), strict=True)
-        ]
-        total = logsumexp(np.sum([*all_rows, *some], axis=2), axis=0)
-        first = int(np.argmax(total))
-        without = logsumexp(np.sum(plain, axis=2)) + math.log(2 * len(_GAINS))
-        rivals = [*np.delete(total, first), without]
-        if total[first] - logsumexp(rivals) < math.log(ODDS):
+        some = np.logaddexp(all_rows, none) - math.log(2)
+        total: Any = logsumexp([*all_rows.sum(axis=2), *some.sum(axis=2)], axis=0)
+        best = int(np.argmax(total))
+        without = logsumexp(none.sum(axis=(1, 2))) + math.log(2)
+        rivals = [*np.delete(total, best), without]
+        if total[best] - logsumexp(rivals) < math.log(ODDS):
             return [], math.nan
         if not self._has_words:
-            return [(int(orders[few[first]]), inside)], 1.0
-        # How well the code is read is seen where most of it is of the best order.
-        read = [_read(pair[first]) for pair in of_pairs]
-        each = self._likelihood(step, noise, orders, low, *pairs[int(np.argmax(read))])
-        best = int(few[first])
+            return [(int(orders[best]), inside)], 1.0
+        each = each[int(np.argmax([_read(e[best]) for e in each]))]
         words = _order_of_words(each, best)
         explained = self._explained(step, noise, words, orders + low)
         if explained < EXPLAINED:
@@ -173,7 +162,7 @@ class OrderLikelihood:
         first : ndarray, shape (orders,)
             Fringe that the cells begin with, by the order.
         """
-        weight = 1 / (noise + np.float32(_USUAL[0] ** 2))
+        weight = 1 / (noise + np.float32(_SCATTERS[-1] ** 2))
         of_steps = words[:, _CELLS // 2 :][:, : step.shape[1]]
         sums = np.zeros(3)
         for number in np.unique(words[words >= 0]):
@@ -188,7 +177,7 @@ class OrderLikelihood:
     def _lit_orders(self, low, place):
         """Orders under which the panel lights the surface."""
         orders = np.arange(self._first - low - self._count, self._first - low + self._count)
-        shifted = place[None, :: max(1, len(place) // 500)] + _TURN * orders[:, None]
+        shifted = place[None, :: max(1, len(place) // 500)] + math.tau * orders[:, None]
         lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
         return orders[lit > _ON_PANEL * lit.max()]
 
@@ -211,13 +200,6 @@ class OrderLikelihood:
         # Neighbouring cells see the same windows, each of so many square fringes.
         each /= np.float32(_CELLS * 4 * math.pi * WIDTH**2)
         return each
-
-
-def _read(each: NDArray[np.float32]) -> float:
-    """Log-likelihood of the words that are better read than three of four."""
-    high, wide = (range(0, n, WORD * c) for n, c in zip(each.shape, (1, _CELLS), strict=True))
-    words = np.add.reduceat(np.add.reduceat(each, high), wide, axis=1)
-    return float(np.quantile(words, _WELL_READ))
 
 
 def _order_of_words(each: NDArray[np.float32], best: int) -> NDArray[np.int16]:
@@ -288,7 +270,7 @@ def _steps(values: NDArray) -> NDArray:
 def _expected_amplitude(pattern: Pattern, first: int, count: int) -> NDArray[np.float64]:
     """Amplitude of the code's light in Gaussian windows at the cells, over uncoded light's."""
     samples = 64
-    phase = _TURN * (first - 0.25 + np.arange(count * samples) / samples)
+    phase = math.tau * (first - 0.25 + np.arange(count * samples) / samples)
     cosine, sine = np.cos(phase), np.sin(phase)
     light = pattern.contrast(phase) * cosine
     if pattern.code == 'stripe':
@@ -306,3 +288,10 @@ def _expected_amplitude(pattern: Pattern, first: int, count: int) -> NDArray[np.
     centre = slice(samples // _CELLS // 2, None, samples // _CELLS)
     amplitude: NDArray[np.float64] = 2 * np.hypot(of_cosine, of_sine)[centre]
     return amplitude
+
+
+def _read(each: NDArray[np.float32]) -> float:
+    """Log-likelihood of the words that are better read than three of four."""
+    high, wide = (range(0, n, WORD * c) for n, c in zip(each.shape, (1, _CELLS), strict=True))
+    words = np.add.reduceat(np.add.reduceat(each, high), wide, axis=1)
+    return float(np.quantile(words, _WELL_READ))

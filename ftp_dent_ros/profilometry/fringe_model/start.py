@@ -19,9 +19,8 @@ from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
 #: Planes, in baselines: a carrier within a factor of 1.5 of the fringes' is near enough.
 PLANES = 2.0, 4.0, 8.0
-# Standard deviation of a phase that may be unwrapped: three are a right angle, and the step
-# between nodes that does not tie two of them.
-_DEVIATION, _JUMP = math.pi / 6, math.pi / 2
+# Standard deviation of a phase that may be unwrapped: three are a right angle.
+_DEVIATION = math.pi / 6
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
 # and what the phases of both sides are apart where they meet at most of it, radians: edges of
 # paint or light leave 0.17 at most.
@@ -142,7 +141,7 @@ def fit_planes(
     fringes = (variance < _DEVIATION**2) & (amplitude > _FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
     leaps = _leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
-    unwrapped = unwrap(wrapped, fringes & ~leaps, jump=_JUMP)
+    unwrapped = unwrap(wrapped, fringes & ~leaps)
     away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
     turn = planes[best].at_bins + grid.at_bins(away)

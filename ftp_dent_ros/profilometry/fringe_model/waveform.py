@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern.pattern import Pattern
 
-_TURN = 2 * math.pi
 # Samples a fringe: between them F follows its slope, wrong by (pi / 128)^2 / 2 at most.
 _SAMPLES = 128
 # Fringes beyond the panel's ends.
@@ -66,14 +65,14 @@ class Waveform:
         """Waveform of a pattern's light as even projector pixels show it."""
         orders = pattern.fringe_orders
         count = (len(orders) + 2 * _BEYOND) * _SAMPLES
-        start = _TURN * (orders.start - _BEYOND - 0.25)
-        phase = start + _TURN / _SAMPLES * np.arange(count)
+        start = math.tau * (orders.start - _BEYOND - 0.25)
+        phase = start + math.tau / _SAMPLES * np.arange(count)
         light = _drawn(pattern, phase)
         return cls(
             start,
             pattern.code == 'contrast',
             np.fft.rfft(light) / np.sinc(1 / pattern.period_px),
-            np.fft.rfftfreq(count, _TURN / _SAMPLES) * _TURN,
+            np.fft.rfftfreq(count, math.tau / _SAMPLES) * math.tau,
         )
 
     @cached_property
@@ -124,12 +123,12 @@ class Waveform:
 
     def _nearest(self, phase):
         """Index of the nearest sample, and what the phase is beyond it, radians."""
-        place = phase * np.float32(_SAMPLES / _TURN)
-        place -= np.float32(self.start * _SAMPLES / _TURN)
+        place = phase * np.float32(_SAMPLES / math.tau)
+        place -= np.float32(self.start * _SAMPLES / math.tau)
         np.clip(place, 0, len(self.tables[0]) - 1, out=place)
         nearest = np.rint(place)
         place -= nearest
-        place *= np.float32(_TURN / _SAMPLES)
+        place *= np.float32(math.tau / _SAMPLES)
         return nearest.astype(np.intp), place
 
     def corrected(
