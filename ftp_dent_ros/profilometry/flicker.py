@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.photograph.photograph import FULL, Photograph
 
 #: Photographs that are looked back on; fewer than three tell nothing.
 LAST = 12
@@ -24,8 +24,8 @@ SOME, MUCH = 0.01, 0.04
 _SAMPLES = 20_000
 # Points that are looked at, along rows and columns: the fall of the light is smooth.
 _EVERY = 8
-# Fringes' crests: levels above this part of the brightest, and below those that may be clipped.
-_CREST, _BRIGHTEST, _CLIPPED = 0.5, 98, 250
+# Fringes' crests: levels above this part of the brightest.
+_CREST, _BRIGHTEST = 0.5, 98
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,9 @@ def light_of(photograph: Photograph) -> NDArray[np.float64]:
     else:
         some = _some(pixels)
     colours = some.reshape(len(some), -1).T
-    level = photograph.unit * np.maximum.reduce(list(colours))
-    crest = (level > _CREST * np.percentile(level, _BRIGHTEST)) & (level < _CLIPPED)
+    level = np.maximum.reduce(list(colours))
+    crest = level > _CREST * np.percentile(level, _BRIGHTEST)
+    crest &= level < FULL * photograph.white
     if not crest.any():
         return np.full(3, np.nan)
     means = [photograph.unit * colour[crest].mean() for colour in colours]

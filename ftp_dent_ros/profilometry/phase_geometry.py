@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
@@ -16,8 +14,8 @@ from ftp_dent_ros.rig.rig import Lens, Rig
 
 # Between rays that are undistorted one by one, pixels.
 _SPACING = 16
-# Radians over which the depth's change with the phase is taken, and every how many points.
-_STEP, _EVERY = 0.05, 4
+# Radians over which the depth's change with the phase is taken.
+_STEP = 0.05
 
 
 def rays_at(lens: Lens, columns: NDArray, rows: NDArray) -> NDArray[np.float32]:
@@ -114,11 +112,8 @@ class PhaseGeometry:
         phase, variance : ndarray, shape (rows, columns), float32
             Absolute phase, radians, and its variance.
         """
-        rays, here, *along = (each[::_EVERY, ::_EVERY] for each in (self.rays, phase, *self.along))
-        points = PhaseGeometry(self.rig, self.pattern, rays, along)
-        (near, _), (there, _) = points.meet(here), points.meet(here + np.float32(_STEP))
-        length = np.sqrt(1 + np.square(rays).sum(axis=-1))
+        (near, _), (there, _) = self.meet(phase), self.meet(phase + np.float32(_STEP))
+        length = np.sqrt(1 + np.square(self.rays).sum(axis=-1))
         slope = np.nan_to_num(np.abs(1 / there - 1 / near) * length / np.float32(_STEP))
-        # Slopes change little from node to node; they belong to the first of each few.
-        smooth: Any = cv2.resize(slope, None, fx=_EVERY, fy=_EVERY)
-        return smooth[: phase.shape[0], : phase.shape[1]] * np.sqrt(variance)
+        deviation: NDArray[np.float32] = slope * np.sqrt(variance)
+        return deviation

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.rig.rig import Rig
 
-# Of Newton's method for the projector's distortion; and rows that stay in the cache.
+# Of Newton's method for the projector's distortion.
 _NEWTON_STEPS = 3
-_STRIP = 32
 
 
 def triangulate(
@@ -39,12 +38,7 @@ def triangulate(
     v_p : ndarray, shape (rows, columns), float32
         Row of the projector, pixels.
     """
-    depth = np.empty(columns.shape, np.float32)
-    v_p = np.empty(columns.shape, np.float32)
-    for first in range(0, len(columns), _STRIP):  # a strip of rows stays in the cache
-        strip = slice(first, first + _STRIP)
-        depth[strip], v_p[strip] = meet(rig, turned(rig, rays[strip]), columns[strip])
-    return depth, v_p
+    return meet(rig, turned(rig, rays), columns)
 
 
 def turned(rig: Rig, rays: NDArray[np.float32]) -> list[NDArray[np.float32]]:

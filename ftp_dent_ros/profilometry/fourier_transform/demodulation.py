@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.carrier import Carrier
+from ftp_dent_ros.profilometry.fourier_transform.carrier import Carrier
 from ftp_dent_ros.profilometry.fourier_transform.fourier import (
     analytic_signal,
     background,

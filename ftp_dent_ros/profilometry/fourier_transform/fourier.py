@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.carrier import Carrier
+from ftp_dent_ros.profilometry.fourier_transform.carrier import Carrier
 
 # Share of the band's half width over which its edges fall from 1 to 0: a sharp edge rings.
 _ROLL_OFF = 0.4

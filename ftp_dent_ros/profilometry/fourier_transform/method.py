@@ -14,15 +14,15 @@ from ftp_dent_ros.cloud.coverage import Coverage
 from ftp_dent_ros.errors import NoStripeError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.carrier import (
+from ftp_dent_ros.profilometry.checks.frame import check_frame
+from ftp_dent_ros.profilometry.fourier_transform.absolute_phase import fringe_order
+from ftp_dent_ros.profilometry.fourier_transform.carrier import (
     Carrier,
     ReferencePlane,
     carrier_on,
     measured_carrier,
     plane_through,
 )
-from ftp_dent_ros.profilometry.checks.frame import check_frame
-from ftp_dent_ros.profilometry.fourier_transform.absolute_phase import fringe_order
 from ftp_dent_ros.profilometry.fourier_transform.demodulation import demodulate
 from ftp_dent_ros.profilometry.fourier_transform.fourier import phase_of
 from ftp_dent_ros.profilometry.fourier_transform.reference import (

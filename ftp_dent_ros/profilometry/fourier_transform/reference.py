@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.carrier import Carrier, ReferencePlane
+from ftp_dent_ros.profilometry.fourier_transform.carrier import Carrier, ReferencePlane
 from ftp_dent_ros.profilometry.fourier_transform.fourier import analytic_signal, phase_of, spectrum
 from ftp_dent_ros.rig.rig import Rig
 

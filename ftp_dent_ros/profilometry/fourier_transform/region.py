@@ -11,7 +11,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import SaturatedError, TooDarkError
-from ftp_dent_ros.profilometry.carrier import Carrier
+from ftp_dent_ros.profilometry.fourier_transform.carrier import Carrier
 
 # Grey levels: an amplitude that gives a phase worth having, and peak to trough of one.
 _LEAST_MODULATION = 4.0

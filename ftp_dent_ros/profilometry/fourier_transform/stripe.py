@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.errors import NoStripeError
-from ftp_dent_ros.profilometry.carrier import Carrier
+from ftp_dent_ros.profilometry.fourier_transform.carrier import Carrier
 from ftp_dent_ros.profilometry.fourier_transform.fourier import analytic_signal, phase_of, spectrum
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 

@@ -19,10 +19,10 @@ from ftp_dent_ros.errors import (
 )
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.checks.epipolar import EpipolarCheck, check_epipolar, check_rows
 from ftp_dent_ros.profilometry.checks.frame import ADVICE, check_frame, described
 from ftp_dent_ros.profilometry.checks.rows import Rows
+from ftp_dent_ros.profilometry.fourier_transform.carrier import ReferencePlane, carrier_on
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     WIDTH,
     BinGrid,

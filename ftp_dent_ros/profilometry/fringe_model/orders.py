@@ -19,8 +19,8 @@ from scipy.special import logsumexp
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
 
-# Cells a fringe, and fringes that a cell is high: windows of half a fringe resolve no more.
-_CELLS, _HIGH = 2, 1.0
+# Cells a fringe, each a fringe high: windows of half a fringe resolve no more.
+_CELLS = 2
 # Share of the code's light that noise leaves: a limit of logarithms.
 _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
@@ -104,7 +104,7 @@ class OrderLikelihood:
         place = phase[row, column]
         low = math.floor(float(place.min()) / math.tau + 0.25)
         cell = ((place / math.tau + 0.25 - low) * _CELLS).astype(int)
-        block = row // max(1, round(_HIGH * rows))
+        block = row // max(1, round(rows))
         shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
         index = block * shape[1] + cell
         w = weight[row, column]

@@ -33,8 +33,8 @@ _NEAR = 0.5
 LEAST_NODES = 30
 # Share of the fit that another plane must explain more, so that it is not chosen by noise.
 _BETTER = 0.02
-# Least amplitude, levels: beyond the rounding of levels.
-_FAINTEST = 1.0
+#: Least amplitude, levels: beyond the rounding of levels.
+FAINTEST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def fit_planes(
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
     variance = 2 * rest / (strength * grid.bins_in_window)
-    fringes = (variance < _DEVIATION**2) & (amplitude > _FAINTEST)
+    fringes = (variance < _DEVIATION**2) & (amplitude > FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
     leaps = _leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
     unwrapped = unwrap(wrapped, fringes & ~leaps)
