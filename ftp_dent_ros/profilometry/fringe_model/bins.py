@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -117,6 +118,11 @@ class BinGrid:
     def repeated(self, nodes: NDArray[Any]) -> NDArray[Any]:
         """Values at the nodes, each for all of its bins."""
         return np.repeat(nodes, self.node, axis=1)
+
+    def within(self, nodes: NDArray[np.bool_], fringes: float) -> NDArray[np.bool_]:
+        """What is within so many fringes of nodes."""
+        along_u, along_v = self.fringe
+        return dilated(nodes, *(math.ceil(fringes * n) for n in (along_v, along_u / self.node)))
 
     def window_sums(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
         """Means of bins under the windows about the nodes; there is nothing beyond the image."""

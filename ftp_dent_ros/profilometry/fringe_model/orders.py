@@ -16,8 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from ftp_dent_ros.errors import NoStripeError, OtherPatternError, RefusedFrameError
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
+from ftp_dent_ros.profilometry.checks.frame import ADVICE, described
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit
+from ftp_dent_ros.profilometry.fringe_model.start import Start
 
 # Cells a fringe, each a fringe high: windows of half a fringe resolve no more.
 _CELLS = 2
@@ -28,16 +33,16 @@ _GAINS = (0.3, 0.55, 1.0)
 _SCATTERS = (0.03, 0.1)
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
-#: Odds of the accepted order against all others together, and fringes without any code.
-ODDS = 1e3
+# Odds of the accepted order against all others together, and fringes without any code.
+_ODDS = 1e3
 # Odds of another order within words of the code that part them from the surface: surfaces that
 # meet in whole fringes are as rare.
 _PART_ODDS = 1e5
 # Of words, by how well they are read: half of a surface may be another's.
 _WELL_READ = 0.75
-#: Share of the steps' squares that a code explains at least, of a surface and of all together:
+# Share of the steps' squares that a code explains at least, of a surface and of all together:
 #: that of another pattern explains a quarter, by chance, and of a few fringes more.
-EXPLAINED = 0.5
+_EXPLAINED = 0.5
 #: Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
@@ -45,6 +50,17 @@ WORD = 8
 _EDGE = 3
 # Share of the nodes lit under any order that must be lit: all of them are if the pattern is right.
 _ON_PANEL = 0.9
+
+_UNNUMBERED = {
+    'stripe': (
+        'the red stripe is not seen on any surface: bring it into view on a surface that reflects '
+        'green and blue, and give the rig.yaml and the pattern of this camera and projector'
+    ),
+    'contrast': (
+        'no surface shows the code of the pattern: bring eight fringes side by side onto one '
+        'surface, in focus, and give the pattern that is projected (pattern.yaml)'
+    ),
+}
 
 
 class OrderLikelihood:
@@ -56,7 +72,7 @@ class OrderLikelihood:
     """
 
     def __init__(self, pattern: Pattern) -> None:
-        self._floor = _FLOOR[pattern.code]
+        self._pattern, self._floor = pattern, _FLOOR[pattern.code]
         orders = pattern.fringe_orders
         self._first = orders.start - 1
         self._count = len(orders) + 2
@@ -66,6 +82,41 @@ class OrderLikelihood:
         self._steps = _steps(expected[None])[0].astype(np.float32)
         self._ends = pattern.phase([0, pattern.width - 1])
         self._has_words = pattern.code == 'contrast'
+
+    def numbered(
+        self, grid: BinGrid, light: Light, start: Start
+    ) -> tuple[list[int], NDArray[np.int32]]:
+        """Fringe orders that have the odds, and the index of each node's, -1 for none.
+
+        Raises
+        ------
+        NoStripeError, OtherPatternError
+        """
+        ratio, weight = _code(light, start, grid.bins_in_window)
+        orders: list[int] = []
+        index = np.full(start.surface.shape, -1, np.int32)
+        unexplained = 0.0  # of all surfaces' nodes, beyond what may be
+        sizes = np.bincount(start.surface[start.surface >= 0])
+        for number in np.flatnonzero(sizes):
+            nodes = start.surface == number
+            parts, explained = self.parts(start.phase, ratio, weight, nodes, grid.fringe[1])
+            unexplained += np.nan_to_num((_EXPLAINED - explained) * sizes[number])
+            for order, part in parts:
+                index[part] = len(orders)
+                orders.append(order)
+        if unexplained > 0 or not orders:
+            largest = start.phase[start.surface == sizes.argmax()]
+            raise self._unnumbered(unexplained > 0 or bool(np.ptp(largest) > WORD * math.tau))
+        return orders, index
+
+    def _unnumbered(self, enough: bool) -> RefusedFrameError:
+        """Why no surface has a number: enough fringes with another code, or too few."""
+        if enough and self._has_words:
+            return OtherPatternError(
+                'the code of the fringes is of another pattern than one of '
+                f'{described(self._pattern)}: {ADVICE}'
+            )
+        return NoStripeError(_UNNUMBERED[self._pattern.code])
 
     def parts(
         self,
@@ -124,23 +175,30 @@ class OrderLikelihood:
         if not known.any() or not len(orders):
             return [], math.nan
         pairs = list(itertools.product(_SCATTERS, _GAINS))
-        each = np.stack([self._likelihood(step, noise, orders, low, *pair) for pair in pairs])
-        plain = [self._likelihood(step, noise, orders[:1], low, s, 0) for s, _ in pairs]
-        all_rows, none = each.sum(axis=3), np.sum(plain, axis=3)
+
+        def by_row(some: NDArray[np.intp], scatter: float, gain: float) -> NDArray[np.float32]:
+            each = self._likelihood(step, noise, some, low, scatter, gain)
+            return np.asarray(each.sum(axis=2))
+
+        all_rows = np.stack([by_row(orders, *pair) for pair in pairs])
+        none = np.stack([by_row(orders[:1], scatter, 0) for scatter, _ in pairs])
         # Either all rows show the code, or some of them lie behind a step, as likely as not.
         some = np.logaddexp(all_rows, none) - math.log(2)
         total: Any = logsumexp([*all_rows.sum(axis=2), *some.sum(axis=2)], axis=0)
         best = int(np.argmax(total))
         without = logsumexp(none.sum(axis=(1, 2))) + math.log(2)
         rivals = [*np.delete(total, best), without]
-        if total[best] - logsumexp(rivals) < math.log(ODDS):
+        if total[best] - logsumexp(rivals) < math.log(_ODDS):
             return [], math.nan
         if not self._has_words:
             return [(int(orders[best]), inside)], 1.0
-        each = each[int(np.argmax([_read(e[best]) for e in each]))]
+        # How well the code is read is seen where most of it is of the best order.
+        found = orders[[best]]
+        read = [_read(self._likelihood(step, noise, found, low, *pair)[0]) for pair in pairs]
+        each = self._likelihood(step, noise, orders, low, *pairs[int(np.argmax(read))])
         words = _order_of_words(each, best)
         explained = self._explained(step, noise, words, orders + low)
-        if explained < EXPLAINED:
+        if explained < _EXPLAINED:
             return [], explained
         local = words[block, cell]
         parts = []
@@ -202,6 +260,16 @@ class OrderLikelihood:
         return each
 
 
+def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Amplitude of the coded light over the other's, and its weight (eq. 7)."""
+    if not light.has_stripe:
+        return start.amplitude / np.maximum(start.level, 1), np.square(start.amplitude)
+    red = np.maximum(start.own.swing, 1)
+    other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
+    variance = (other.rest + start.own.rest + 2 * ROUNDING) / bins
+    return other.swing / red, np.square(red) / variance
+
+
 def _order_of_words(each: NDArray[np.float32], best: int) -> NDArray[np.int16]:
     """Index of each cell's order as the word about it shows it; -1 where words disagree.
 
@@ -245,7 +313,7 @@ def _clearest(each: NDArray[np.float32], shown: NDArray[np.int16]) -> NDArray[np
         tells = (sums == first) & (first - second > math.log(_PART_ODDS))
         np.maximum(least, np.where(tells, lag, -np.inf), out=least)
     second, first = np.sort(least, axis=0)[-2:]
-    clear = np.isfinite(first) & (second < first - math.log(ODDS))
+    clear = np.isfinite(first) & (second < first - math.log(_ODDS))
     return np.where(clear, shown[np.argmax(least, axis=0)], -1).astype(np.int16)
 
 

@@ -30,8 +30,6 @@ _EVERY = 5
 _SCALE = 4.0
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
 _REDESCENDS = 2.0
-# Least mean weight of a window that may be taken.
-_LEAST_WEIGHT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +116,8 @@ class Solver:
             fitted = level + fit.level, amplitude + fit.amplitude, fit.phase + shift - reference
             if number == _CHOICE:  # later windows go on from there
                 del residual, shift  # for the memory that the choice takes
-                fitted = self._clearest(light, usable, fit, fitted, windows, change, reference)
+                rest = np.where(windows.weight > 0, change.rest, np.inf).astype(np.float32)
+                fitted = self._clearest(light, usable, fit, fitted, rest, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
         wave, slope = _wave(fit, fit.phase, self._plane)
@@ -185,14 +184,13 @@ class Solver:
         more_blur = self.grid.at_nodes(middle + np.tensordot(slopes, self._plane, axes=1))
         return fit, [each * more_blur for each in follow]
 
-    def _clearest(self, light, usable, fit, fitted, windows, change, reference):
+    def _clearest(self, light, usable, fit, fitted, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
 
         A window must explain its own light as well: one across an edge does not. From windows at
         the sides the phase goes on in a straight line.
         """
-        enough = windows.weight > _LEAST_WEIGHT
-        rest = np.where(enough, change.rest + np.float32(ROUNDING), np.float32(np.inf))
+        rest = rest + np.float32(ROUNDING)
         step = self.grid.node
         beside = np.minimum.reduce([_moved(rest, round(u / step), v) for u, v in self._sides])
         across = self.grid.repeated(rest > self._across * beside)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
@@ -100,9 +101,7 @@ class Plane:
 
 def fit_planes(
     grid: BinGrid,
-    light: NDArray[np.float32],
-    colours: Sequence[NDArray[np.float32]],
-    usable: NDArray[np.float32],
+    light: Light,
     planes: Sequence[Plane],
     steps: float,
 ) -> Start:
@@ -110,18 +109,14 @@ def fit_planes(
 
     Parameters
     ----------
-    light : ndarray, shape (rows, columns)
-        Light that has fringes everywhere.
-    colours : sequence of ndarray, shape (rows, columns)
-    usable : ndarray, shape (rows, columns)
-        1 where light is usable.
     planes : sequence of Plane
     steps : float
         Mean square that the code's own steps leave at most, over the amplitude's square.
     """
+    fringed, usable = light.unbroken, light.usable
     fits, explained = [], []
     for plane in planes:
-        fits.append(plane.windows(grid, usable).fit(light))
+        fits.append(plane.windows(grid, usable).fit(fringed))
         share = 1 - fits[-1].rest / np.maximum(fits[-1].total, np.float32(1e-6))
         explained.append(cv2.blur(share, (5, 9)))
     best = int(np.argmax([each[each > 0.5].sum() for each in explained]))
@@ -146,7 +141,7 @@ def fit_planes(
     away = np.where(fringes, away + wrap(wrapped - away), away)
     turn = planes[best].at_bins + grid.at_bins(away)
     windows = Windows(grid, np.cos(turn), -np.sin(turn), usable)
-    own = windows.fit(light)
+    own = windows.fit(fringed)
     own_explained = 1 - own.rest / np.maximum(own.total, np.float32(1e-6))
     surface = _near(unwrapped.part, of(explained), own_explained)
     return Start(
@@ -156,7 +151,7 @@ def fit_planes(
         amplitude,
         fringes,
         own,
-        [own if each is light else windows.fit(each) for each in colours],
+        [own if each is fringed else windows.fit(each) for each in light.colours],
     )
 
 

@@ -1,0 +1,143 @@
+"""Numbered surfaces: their absolute phase, smooth ones to compute it about, and their ends.
+
+The light of a surface ends where it is better explained by that beyond than by fringes that go on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.profilometry.fringe_model.bins import (
+    ROUNDING,
+    WIDTH,
+    BinGrid,
+    Nearest,
+    wider_than_windows,
+)
+from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
+from ftp_dent_ros.profilometry.fringe_model.start import Start
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.unwrapping import wrap
+
+# Fringes from an edge within which a window sees both sides: two of its standard deviations.
+_ACROSS = 2 * WIDTH
+# Fringes beyond a surface within which its bins may go on.
+_BEYOND = 1.5
+# Fringes beyond it from which on it is dark in any blur.
+_DARK = 3.0
+# What the start, smooth over a window, may differ by from the first fit, radians.
+_OFF = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """The numbered surfaces of a photograph.
+
+    Attributes
+    ----------
+    known : ndarray of bool, shape (rows, nodes)
+        Where fringes are numbered.
+    number : ndarray, shape (rows, nodes), int32
+        Of the surface that may be there, -1 for none.
+    phase, reference : ndarray, shape (rows, columns), float32
+        Absolute, and that of smooth surfaces, which go on beyond their ends, radians.
+    """
+
+    known: NDArray[np.bool_]
+    number: NDArray[np.int32]
+    phase: NDArray[np.float32]
+    reference: NDArray[np.float32]
+
+    @classmethod
+    def of(
+        cls,
+        grid: BinGrid,
+        geometry: tuple[PhaseGeometry, PhaseGeometry],
+        start: Start,
+        orders: Sequence[int],
+        numbered: NDArray[np.int32],
+    ) -> Surfaces:
+        """Surfaces of numbered nodes.
+
+        What is beyond a surface is as far from its quadric as the nearest of it.
+
+        Parameters
+        ----------
+        geometry : tuple of PhaseGeometry
+            Of bins and nodes.
+        orders : sequence of int
+            Whole fringes to add to each surface's phase.
+        numbered : ndarray, shape (rows, nodes), int32
+            Index of the order, -1 for none.
+        """
+        bins, nodes = geometry
+        known = numbered >= 0
+        nearest = Nearest(known)
+        label = nearest(numbered)
+        phase = start.phase + math.tau * np.array(orders, np.float32)[label]
+        inverse, _ = nodes.meet(phase)
+        reference, away = np.empty(grid.shape, np.float32), np.empty_like(phase)
+        for number in range(len(orders)):
+            mine = (numbered == number) & np.isfinite(inverse)
+            quadric = quadric_through(grid.node_places, inverse, mine)
+            here = label == number
+            away[here] = (phase - nodes.phase(quadric.at(*grid.node_places)))[here]
+            here = grid.repeated(here)
+            reference[here] = bins.phase(quadric.at(*grid.bin_places))[here]
+        share = np.maximum(grid.smooth_nodes(known.astype(np.float32), WIDTH), 1e-3)
+        smooth = grid.smooth_nodes(away * known, WIDTH) / share
+        away = np.where(np.abs(smooth - away) < _OFF, smooth, away)
+        # A surface without a number is whole fringes off its neighbour's, or none.
+        beside = nearest(away)
+        away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
+        other = wider_than_windows((start.surface >= 0) & ~known)
+        near = grid.within(known, _BEYOND) & Nearest(known | other)(known)
+        return cls(known, np.where(near, label, -1), reference + grid.at_bins(away), reference)
+
+    def ends(
+        self, grid: BinGrid, light: Light, start: Start
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        """Bins between the ends of the light, and the phase that goes on from inside to there."""
+        inner, near = ~grid.within(~self.known, _ACROSS), grid.within(self.known, _DARK)
+        from_inside = Nearest(inner)
+        away, level, amplitude = (
+            grid.at_bins(from_inside(each))
+            for each in (grid.at_nodes(self.phase - self.reference), start.level, start.amplitude)
+        )
+        onwards = self.reference + away
+        beyond = grid.at_bins(Nearest(~near)(start.level))
+        fringes = np.square(light.unbroken - level - amplitude * np.cos(onwards))
+        gain = light.usable * (np.square(light.unbroken - beyond) - fringes)
+        gain = np.where(grid.repeated(near), gain, 0) - np.float32(ROUNDING)
+        wide, high = (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
+        lit = _stretches(gain, high) & _stretches(gain.T, wide).T
+        return lit, np.where(grid.repeated(inner), self.phase, onwards)
+
+    def solvable(self, grid: BinGrid, lit: NDArray[np.bool_], start: Start) -> NDArray[np.bool_]:
+        """Bins between the ends, with whole windows on a surface, or near another one."""
+        whole = ~grid.within(~self.known, _ACROSS)
+        other = wider_than_windows((start.surface >= 0) & ~self.known)
+        return lit | grid.repeated(whole | grid.within(other, 2 * _ACROSS))
+
+
+def _stretches(gain: NDArray[np.float32], across: int) -> NDArray[np.bool_]:
+    """In each row the bins from one to another whose sum is the largest: the likeliest ends.
+
+    Rows are taken `across` at a time, as dark fringes tell no end.
+    """
+    rows: Any = cv2.blur(np.ascontiguousarray(gain), (1, across))
+    total = np.pad(np.cumsum(rows, axis=1, dtype=float), ((0, 0), (1, 0)))
+    lowest = np.minimum.accumulate(total, axis=1)
+    last = (total - lowest).argmax(axis=1)[:, None]
+    first = (total == np.take_along_axis(lowest, last, axis=1)).argmax(axis=1)[:, None]
+    bins = np.arange(gain.shape[1])
+    within: Any = ((bins >= first) & (bins < last)).view(np.uint8)
+    return cv2.dilate(within, np.ones((across, 1), np.uint8)) > 0
