@@ -35,8 +35,6 @@ from ftp_dent_ros.robust import FITS, redescending
 ONE_IN = 200_000
 # Turns and stretches up to which the way is found.
 _MOST = 0.1
-# Projector pixels beside the epipolar lines: far more than what a calibration errs by.
-_FAR = 8.0
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ def check_rows(pattern: Pattern, found: EpipolarCheck) -> None:
     ------
     OtherPatternError
         Surely, the contrast does not change half as much along the fringes as it must; or it
-        does, but in another scale, or far beside the epipolar lines.
+        does, but in another scale, or beside the epipolar lines, by more than a fringe.
     """
     if 2 * (found.strength + found.sure * found.strength_deviation) < 1:
         raise OtherPatternError(
@@ -129,7 +127,7 @@ def check_rows(pattern: Pattern, found: EpipolarCheck) -> None:
             f'as the given pattern has it (row_depth, row_period_px): {ADVICE}'
         )
     values, deviations = found.figures
-    far = found.seen & (np.abs(values) > _FAR + found.sure * deviations)
+    far = found.seen & (np.abs(values) > pattern.period_px + found.sure * deviations)
     if far[2]:
         raise OtherPatternError(
             f'the rows of the projector are {1 + found.stretch:.3f} times as far apart as rig and '

@@ -20,8 +20,6 @@ from ftp_dent_ros.rig.rig import Rig
 _BEYOND = 0.005
 # Share of the rows that end at a rim: it is their end, and no spot's.
 _ROWS = 0.25
-# Points that are looked at, about: ten of them are the share beyond.
-_POINTS = 2000
 #: What to do about another pattern.
 ADVICE = (
     'do not mirror or turn the photograph, and give the pattern that is projected (pattern.yaml) '
@@ -58,7 +56,6 @@ def check_frame(
     OtherPatternError
     """
     place = np.flatnonzero(lit)
-    place = place[:: max(1, len(place) // _POINTS)]
     some = np.ones((1, len(place), 3), np.float32)
     some[0, :, :2] = rays.reshape(-1, rays.shape[-1])[place, :2]
     u_p = pattern.column(phase.ravel()[place])

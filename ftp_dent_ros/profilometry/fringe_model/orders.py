@@ -47,7 +47,7 @@ _EXPLAINED = 0.5
 WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
 # window on each side of it.
-_EDGE = 3
+_EDGE = round(1 + 4 * WIDTH)
 # Share of the nodes lit under any order that must be lit: all of them are if the pattern is right.
 _ON_PANEL = 0.9
 
