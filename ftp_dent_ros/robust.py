@@ -46,10 +46,10 @@ def geman_mcclure(
     return 1 / np.square(1 + square / quarter)
 
 
-def redescending(residuals: NDArray[np.floating]) -> NDArray[np.floating]:
+def redescending(residuals: NDArray[np.floating]) -> NDArray[np.float64]:
     """Geman and McClure's weights of least squares by what the last fit left."""
-    quarter = max(_QUARTER * deviation(residuals), np.finfo(np.float32).tiny)
-    return geman_mcclure(np.square(residuals), quarter**2)
+    quarter = max(_QUARTER * deviation(residuals), np.finfo(float).eps)
+    return geman_mcclure(np.square(residuals.astype(float)), quarter**2)
 
 
 def fitted(terms: NDArray[np.floating], values: NDArray[np.floating]) -> NDArray[np.float64]:

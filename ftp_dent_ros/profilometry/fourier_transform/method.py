@@ -126,7 +126,7 @@ class FourierTransform:
         shape = self._rays.shape[:2]
         whole, lit = np.zeros(shape, np.float32), np.zeros(shape, bool)
         whole[window.rows, window.columns], lit[window.rows, window.columns] = phase, valid
-        return check_frame(self.rig, self.pattern, self._rays, whole, lit)
+        return check_frame(self.pattern, whole, lit)
 
     def _points_of(self, stripe: Stripe) -> NDArray[np.floating]:
         """Points on the stripe, shape (points, 3), metres."""

@@ -28,6 +28,8 @@ _SIGNIFICANCE = 1e-5
 _EVERY = 5
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0
+# Least mean weight of a window that may be taken.
+_LEAST_WEIGHT = 0.05
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
 _REDESCENDS = 2.0
 
@@ -116,7 +118,8 @@ class Solver:
             fitted = level + fit.level, amplitude + fit.amplitude, fit.phase + shift - reference
             if number == _CHOICE:  # later windows go on from there
                 del residual, shift  # for the memory that the choice takes
-                rest = np.where(windows.weight > 0, change.rest, np.inf).astype(np.float32)
+                enough = windows.weight > _LEAST_WEIGHT
+                rest = np.where(enough, change.rest + np.float32(ROUNDING), np.float32(np.inf))
                 fitted = self._clearest(light, usable, fit, fitted, rest, reference)
             level, amplitude, away = fitted
             fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
@@ -190,7 +193,6 @@ class Solver:
         A window must explain its own light as well: one across an edge does not. From windows at
         the sides the phase goes on in a straight line.
         """
-        rest = rest + np.float32(ROUNDING)
         step = self.grid.node
         beside = np.minimum.reduce([_moved(rest, round(u / step), v) for u, v in self._sides])
         across = self.grid.repeated(rest > self._across * beside)

@@ -19,6 +19,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     WIDTH,
     BinGrid,
     Nearest,
+    dilated,
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.light import Light
@@ -29,6 +30,8 @@ from ftp_dent_ros.profilometry.unwrapping import wrap
 
 # Fringes from an edge within which a window sees both sides: two of its standard deviations.
 _ACROSS = 2 * WIDTH
+# Nodes to each side that a whole window has: two deviations.
+_WHOLE = 2
 # Fringes beyond a surface within which its bins may go on.
 _BEYOND = 1.5
 # Fringes beyond it from which on it is dark in any blur.
@@ -123,7 +126,7 @@ class Surfaces:
 
     def solvable(self, grid: BinGrid, lit: NDArray[np.bool_], start: Start) -> NDArray[np.bool_]:
         """Bins between the ends, with whole windows on a surface, or near another one."""
-        whole = ~grid.within(~self.known, _ACROSS)
+        whole = ~dilated(~self.known, _WHOLE, _WHOLE)
         other = wider_than_windows((start.surface >= 0) & ~self.known)
         return lit | grid.repeated(whole | grid.within(other, 2 * _ACROSS))
 
