@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ftp_dent_ros.errors import ConfigurationError
+from ftp_dent_ros.profilometry.unwrapping import TAU
 
 UNWRAPPINGS = ('itoh', 'estrada')
 # The options that each method has.
@@ -14,7 +15,6 @@ METHODS = {
     'virtual-reference': ('unwrapping', 'tau'),
     'direct': ('unwrapping', 'tau'),
 }
-_TAU = 0.8
 
 
 @dataclass(frozen=True)
@@ -89,4 +89,4 @@ class Settings:
     @property
     def unwrapper(self) -> tuple[str, float]:
         """Unwrapping and gain, with their defaults."""
-        return self.unwrapping or 'itoh', _TAU if self.tau is None else self.tau
+        return self.unwrapping or 'itoh', TAU if self.tau is None else self.tau

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+#: Usual gain of Estrada's system.
+TAU = 0.8
 _TURN = np.float32(2 * np.pi)
 
 
@@ -41,7 +43,7 @@ def unwrap(
     wrapped: NDArray[np.float32],
     region: NDArray[np.bool_],
     unwrapping: str = 'itoh',
-    tau: float = 0.8,
+    tau: float = TAU,
     jump: float = np.pi,
 ) -> Unwrapped:
     """Unwrap a phase map within a region.

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 
+#: Fringes from a window to those at its sides: an edge there is three deviations off.
+ASIDE = 1.5
 # Smallest determinant of a window's normal equations: the fringes' power squared, a millionth.
 _SINGULAR = 1e-6
 

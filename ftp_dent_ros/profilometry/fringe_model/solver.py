@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
-from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
+from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
 # Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each.
@@ -20,8 +20,6 @@ _ROUNDS, _SHARPENED = 4, 2
 RESOLVED = 1.45
 # Round that chooses windows: the one before resolves what detail it can, which is no edge.
 _CHOICE = 1
-# Fringes from the centred window to those at its sides: an edge there is three deviations off.
-_ASIDE = 1.5
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
 # Every how many bins show the waveform's unknowns.
@@ -74,7 +72,7 @@ class Solver:
 
     def __init__(self, grid: BinGrid) -> None:
         self.grid = grid
-        along_u, along_v = (max(1, round(_ASIDE * each)) for each in grid.fringe)
+        along_u, along_v = (max(1, round(ASIDE * each)) for each in grid.fringe)
         self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
         freedom = grid.bins_in_window
         self._across = np.float32(stats.f.isf(_SIGNIFICANCE, freedom, freedom))

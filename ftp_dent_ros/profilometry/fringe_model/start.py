@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.light import Light
-from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
+from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
@@ -26,8 +26,6 @@ _DEVIATION = math.pi / 6
 # and what the phases of both sides are apart where they meet at most of it, radians: edges of
 # paint or light leave 0.17 at most.
 _CLEARER, _LEAP = 4.3, 0.22
-# Windows beside, fringes away.
-_BESIDE = 1.5, 3.0
 # Share of what a surface's own phase explains that a plane does that comes near to it.
 _NEAR = 0.5
 #: Nodes that a surface has at least: two rows of windows over some fringes.
@@ -179,8 +177,6 @@ def _leaps(
     is another.
     """
     along_u, along_v = grid.fringe[0] / grid.node, grid.fringe[1]
-    near_by, far_by = _BESIDE
-    onwards = near_by / (far_by - near_by)
     edge, rim = (np.zeros(wrapped.shape, bool) for _ in range(2))
     leap = np.full(wrapped.shape, -1, np.float32)
     for u, v in ((1, 0), (0, 1)):
@@ -192,7 +188,8 @@ def _leaps(
             seen[[0, -1]] = False
         for sign in (-1, 1):
             places = [
-                (round(sign * k * u * along_u), round(sign * k * v * along_v)) for k in _BESIDE
+                (round(sign * k * u * along_u), round(sign * k * v * along_v))
+                for k in (ASIDE, 2 * ASIDE)
             ]
             near.append(_moved(wrapped, *places[0]))
             far.append(_moved(wrapped, *places[1]))
@@ -202,7 +199,7 @@ def _leaps(
         rim |= mixed & ~within
         shown = mixed & within
         crest = shown & (rest >= _moved(rest, u, v)) & (rest >= _moved(rest, -u, -v))
-        before, after = (n + onwards * wrap(n - f) for n, f in zip(near, far, strict=True))
+        before, after = (n + wrap(n - f) for n, f in zip(near, far, strict=True))
         leap = np.where(crest, np.maximum(leap, np.abs(wrap(after - before))), leap)
         edge |= shown
     # Along one edge two phases drift, and meet here and there by chance; all of it leaps, or none.
