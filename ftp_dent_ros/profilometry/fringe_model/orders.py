@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -61,6 +62,46 @@ _UNNUMBERED = {
         'surface, in focus, and give the pattern that is projected (pattern.yaml)'
     ),
 }
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Steps of the code between the cells of a surface, from each to the same place a fringe on.
+
+    Attributes
+    ----------
+    step, noise : ndarray, shape (blocks, steps), float32
+        Of the logarithm, and its variance, infinite where no step is seen.
+    first : int
+        Fringe that the cells begin with, by the surface's own phase.
+    block, cell : ndarray, shape (nodes of the surface,), integer
+        Row and column of each node's cell.
+    """
+
+    step: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    first: int
+    block: NDArray[np.intp]
+    cell: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, phase, value, weight, inside, rows: float) -> _Cells:
+        """Cells of a surface; values at the nodes, so many rows of them a fringe."""
+        place = phase[inside] / math.tau + 0.25
+        first = math.floor(float(place.min()))
+        cell = ((place - first) * _CELLS).astype(int)
+        block = np.nonzero(inside)[0] // max(1, round(rows))
+        shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
+        index, w = block * shape[1] + cell, weight[inside]
+        total, mean = (
+            np.bincount(index, each, shape[0] * shape[1]).reshape(shape)
+            for each in (w, w * value[inside])
+        )
+        seen = total > 0
+        variance = np.where(seen, 1 / np.maximum(total, 1e-12), np.inf)
+        noise = variance[:, _CELLS:] + variance[:, :-_CELLS]
+        step = np.where(np.isfinite(noise), _steps(mean / np.maximum(total, 1e-12)), 0)
+        return cls(step.astype(np.float32), noise.astype(np.float32), first, block, cell)
 
 
 class OrderLikelihood:
@@ -151,34 +192,14 @@ class OrderLikelihood:
         float
             Share of the code's steps that is explained; NaN if no order has the odds.
         """
-        row, column = np.nonzero(inside)
-        place = phase[row, column]
-        low = math.floor(float(place.min()) / math.tau + 0.25)
-        cell = ((place / math.tau + 0.25 - low) * _CELLS).astype(int)
-        block = row // max(1, round(rows))
-        shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
-        index = block * shape[1] + cell
-        w = weight[row, column]
-        value = np.log(np.maximum(ratio[row, column], self._floor))
-        sums = [
-            np.bincount(index, each, shape[0] * shape[1]).reshape(shape) for each in (w, w * value)
-        ]
-        seen = sums[0] > 0
-        mean = np.where(seen, sums[1] / np.maximum(sums[0], 1e-12), np.nan)
-        variance = np.where(seen, 1 / np.maximum(sums[0], 1e-12), np.nan)
-        step, known = _steps(mean), seen[:, _CELLS:] & seen[:, :-_CELLS]
-        noise = variance[:, _CELLS:] + variance[:, :-_CELLS]
-        step, noise = (
-            np.where(known, *each).astype(np.float32) for each in ((step, 0), (noise, np.inf))
-        )
-        orders = self._lit_orders(low, place)
-        if not known.any() or not len(orders):
+        cells = _Cells.of(phase, np.log(np.maximum(ratio, self._floor)), weight, inside, rows)
+        orders = self._lit_orders(cells.first, phase[inside])
+        if not np.isfinite(cells.noise).any() or not len(orders):
             return [], math.nan
         pairs = list(itertools.product(_SCATTERS, _GAINS))
 
         def by_row(some: NDArray[np.intp], scatter: float, gain: float) -> NDArray[np.float32]:
-            each = self._likelihood(step, noise, some, low, scatter, gain)
-            return np.asarray(each.sum(axis=2))
+            return np.asarray(self._likelihood(cells, some, scatter, gain).sum(axis=2))
 
         all_rows = np.stack([by_row(orders, *pair) for pair in pairs])
         none = np.stack([by_row(orders[:1], scatter, 0) for scatter, _ in pairs])
@@ -194,21 +215,21 @@ class OrderLikelihood:
             return [(int(orders[best]), inside)], 1.0
         # How well the code is read is seen where most of it is of the best order.
         found = orders[[best]]
-        read = [_read(self._likelihood(step, noise, found, low, *pair)[0]) for pair in pairs]
-        each = self._likelihood(step, noise, orders, low, *pairs[int(np.argmax(read))])
+        read = [_read(self._likelihood(cells, found, *pair)[0]) for pair in pairs]
+        each = self._likelihood(cells, orders, *pairs[int(np.argmax(read))])
         words = _order_of_words(each, best)
-        explained = self._explained(step, noise, words, orders + low)
+        explained = self._explained(cells, words, orders + cells.first)
         if explained < _EXPLAINED:
             return [], explained
-        local = words[block, cell]
+        local = words[cells.block, cells.cell]
         parts = []
         for number in np.unique(local[local >= 0]):
             nodes = np.zeros(inside.shape, bool)
-            nodes[row, column] = local == number
+            nodes[inside] = local == number
             parts.append((int(orders[number]), nodes))
         return parts, explained
 
-    def _explained(self, step, noise, words, first) -> float:
+    def _explained(self, cells: _Cells, words, first) -> float:
         """Share of the steps' squares, in the rows of each part together, that the code explains.
 
         What words of two orders leave between parts is not explained.
@@ -220,7 +241,8 @@ class OrderLikelihood:
         first : ndarray, shape (orders,)
             Fringe that the cells begin with, by the order.
         """
-        weight = 1 / (noise + np.float32(_SCATTERS[-1] ** 2))
+        step = cells.step
+        weight = 1 / (cells.noise + np.float32(_SCATTERS[-1] ** 2))
         of_steps = words[:, _CELLS // 2 :][:, : step.shape[1]]
         sums = np.zeros(3)
         for number in np.unique(words[words >= 0]):
@@ -246,11 +268,12 @@ class OrderLikelihood:
         there = (where >= 0) & (where < len(self._steps))
         return np.where(there, self._steps[np.clip(where, 0, len(self._steps) - 1)], 0)
 
-    def _likelihood(self, step, noise, orders, low, scatter, gain):
+    def _likelihood(self, cells: _Cells, orders, scatter, gain):
         """Logarithm for each step under each order, shape (orders, *step.shape)."""
-        expected = self._expected(low + orders)[:, : step.shape[1]]
+        step = cells.step
+        expected = self._expected(cells.first + orders)[:, : step.shape[1]]
         # Where no step is seen its noise is infinite.
-        precision = 1 / np.sqrt((noise + np.float32(scatter**2)) * np.float32(_FREEDOM))
+        precision = 1 / np.sqrt((cells.noise + np.float32(scatter**2)) * np.float32(_FREEDOM))
         each = (step * precision) - (np.float32(gain) * expected[:, None]) * precision
         np.log1p(np.square(each, out=each), out=each)
         each *= np.float32(-(_FREEDOM + 1) / 2)
