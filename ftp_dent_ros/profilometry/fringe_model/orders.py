@@ -31,7 +31,7 @@ _CELLS = 2
 _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
 _GAINS = (0.3, 0.55, 1.0)
-_SCATTERS = (0.03, 0.1)
+_SCATTERS = (0.03, 0.1, 0.3)
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
 # Odds of the accepted order against all others together, and fringes without any code.
@@ -242,7 +242,7 @@ class OrderLikelihood:
             Fringe that the cells begin with, by the order.
         """
         step = cells.step
-        weight = 1 / (cells.noise + np.float32(_SCATTERS[-1] ** 2))
+        weight = 1 / (cells.noise + np.float32(_SCATTERS[1] ** 2))
         of_steps = words[:, _CELLS // 2 :][:, : step.shape[1]]
         sums = np.zeros(3)
         for number in np.unique(words[words >= 0]):

@@ -29,6 +29,8 @@ _BENDS = 4
 _VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
 #: Variance of the blur where no code shows it: a pixel and half a pixel of fringes 10 wide.
 USUAL = 0.3
+# Largest step of the blur's variance in a round, radians^2.
+_STEP = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +161,7 @@ class Waveform:
         normal = (weighted @ terms.T).astype(float)
         ridge = 1e-9 + 1e-6 * np.trace(normal)
         more = np.linalg.solve(normal + ridge * np.eye(len(normal)), weighted @ misfit)
-        blur = np.zeros(3) if by_blur is None else more[_BENDS:]
+        blur = np.zeros(3) if by_blur is None else np.clip(more[_BENDS:], -_STEP, _STEP)
         response = self.response + more[:_BENDS]
         blur[0] = np.clip(self.variance + blur[0], 0, _VARIANCES[-1]) - self.variance
         waveform = replace(self, response=response, variance=self.variance + float(blur[0]))
