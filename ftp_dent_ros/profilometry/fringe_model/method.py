@@ -20,7 +20,7 @@ from ftp_dent_ros.profilometry.fourier_transform.carrier import ReferencePlane, 
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
-from ftp_dent_ros.profilometry.fringe_model.orders import WORD, OrderLikelihood
+from ftp_dent_ros.profilometry.fringe_model.orders import OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, Pixels, Sheet
 from ftp_dent_ros.profilometry.fringe_model.points import Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
@@ -40,6 +40,8 @@ from ftp_dent_ros.rig.rig import Rig
 
 # Half width of what the blurred stripe takes of green and blue: a fringe.
 _STRIPE = math.tau
+# Fringes that the strip is high which shows the code's blur first.
+_STRIP = 10.0
 # Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
 _CLIPPED = 0.5
 
@@ -156,8 +158,8 @@ class FringeModel:
         return self._solver.solve(grey, usable, surfaces.reference, surfaces.phase, waveform)
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:
-        """The waveform in the blur that a strip a word high shows, where most fringes are."""
-        high = min(len(inside), math.ceil(WORD * self.grid.fringe[1]))
+        """The waveform in the blur that a strip of the picture shows, where most fringes are."""
+        high = min(len(inside), math.ceil(_STRIP * self.grid.fringe[1]))
         count = np.convolve(inside.sum(axis=1), np.ones(high), mode='valid')
         rows = slice(int(count.argmax()), int(count.argmax()) + high)
         strip = replace(self.grid, height=high * self.grid.rows)

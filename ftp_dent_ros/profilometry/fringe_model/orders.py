@@ -44,7 +44,7 @@ _WELL_READ = 0.75
 # Share of the steps' squares that a code explains at least, of a surface and of all together:
 #: that of another pattern explains a quarter, by chance, and of a few fringes more.
 _EXPLAINED = 0.5
-#: Fringes that tell their place in the code; so many rows of them are looked at together.
+# Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
 # window on each side of it.
