@@ -26,7 +26,7 @@ _CELLS = 5
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Means of blocks of the cloud.
+    """Means of blocks of the cloud, as it was before it was denoised.
 
     Attributes
     ----------
@@ -46,8 +46,6 @@ class Lattice:
     all_points : ndarray, shape (rows of the cloud, columns of the cloud, 3), float32
         Relative to `origin`, metres; 0 where not `measured`.
     measured : ndarray, shape (rows of the cloud, columns of the cloud), bool
-    light : ndarray, shape (rows of the cloud, columns of the cloud), float32
-        Modulation of the fringes, grey levels.
     """
 
     points: NDArray[np.float32]
@@ -59,11 +57,19 @@ class Lattice:
     origin: NDArray[np.float64]
     all_points: NDArray[np.float32]
     measured: NDArray[np.bool_]
-    light: NDArray[np.float32]
 
     @classmethod
-    def of(cls, cloud: Cloud, settings: SmallestDent) -> Lattice:
+    def of(
+        cls, cloud: Cloud, settings: SmallestDent, viewpoint: NDArray[np.float64]
+    ) -> Lattice:
         """Check a cloud and average it.
+
+        Parameters
+        ----------
+        cloud : Cloud
+        settings : SmallestDent
+        viewpoint : ndarray, shape (3,)
+            Of the camera in the cloud's frame.
 
         Raises
         ------
@@ -71,7 +77,8 @@ class Lattice:
             The cloud cannot be inspected; the message says why.
         """
         origin = _checked(cloud)
-        relative, finite = _relative(cloud.points, origin)
+        points, sigma = _before_denoising(cloud, viewpoint)
+        relative, finite = _relative(points, origin)
         across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
         if max(across) > _WIDEST_SPACING:
             raise CloudError(
@@ -88,14 +95,13 @@ class Lattice:
         return cls(
             np.asarray(points, np.float32),
             valid,
-            _stated(cloud.sigma, finite, block),
+            _stated(sigma, finite, block),
             _stated(cloud.resolution, finite, block),
             block,
             spacing,
             origin,
             relative,
             finite,
-            cloud.intensity,
         )
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
@@ -115,6 +121,19 @@ class Lattice:
     def cells(self, metres: float) -> tuple[float, float]:
         """A length in cells along x and y."""
         return metres / self.spacing[0], metres / self.spacing[1]
+
+
+def _before_denoising(
+    cloud: Cloud, viewpoint: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Points as the photograph alone has them, and their uncertainty, where the cloud has both."""
+    known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
+    if not known.any():
+        return cloud.points, cloud.sigma
+    rays = cloud.points - viewpoint.astype(np.float32)
+    rays /= np.maximum(np.linalg.norm(rays, axis=-1, keepdims=True), np.float32(1e-9))
+    shift = np.where(known, cloud.raw, np.float32(0))
+    return cloud.points + shift[..., None] * rays, np.where(known, cloud.noise, cloud.sigma)
 
 
 def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:

@@ -1,0 +1,90 @@
+"""Where the skin departs from its contour beyond the noise: one test at several scales."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.dents.dent import SmallestDent
+from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.noise import Mask, smoothed
+from ftp_dent_ros.inspection.measuring.skin import Skin
+
+#: Places a square metre that noise alone lists.
+RATE = 0.05
+# Standard deviations that the rest of a place departs by.
+_EDGE = 3.0
+#: Part of the smallest depth that a smoothed place has at least, and that of its rest.
+LEAST, _LEAST_EDGE = 0.5, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Connected cells that depart from a skin.
+
+    Attributes
+    ----------
+    sign : int
+        1 inward, -1 outward.
+    window : tuple of 2 slices
+        The rows and columns of the lattice that hold it.
+    mask : ndarray, shape (rows, columns), bool
+        Its cells in the window.
+    significance : float
+        Largest departure over the noise, of all scales.
+    """
+
+    sign: int
+    window: tuple[slice, slice]
+    mask: Mask
+    significance: float
+
+
+def find_places(
+    skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDent
+) -> list[Place]:
+    """Places of one skin where a smoothed deviation exceeds its noise.
+
+    Gaps are filled, and are as uncertain as what fills them.
+
+    Parameters
+    ----------
+    skin : Skin
+    usable : ndarray, shape (rows, columns), bool
+        Cells to look at.
+    lattice : Lattice
+    settings : SmallestDent
+    """
+    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
+    known = usable & np.isfinite(skin.deviation)
+    depth, doubt, gaps = filled(np.where(known, skin.deviation, np.float32(0)), known, reach)
+    least = settings.smallest_depth
+    significant = skin.noise.significant(RATE)
+    evidence, height = np.zeros((2, 2, *known.shape), np.float32)
+    base = None
+    for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
+        spread = skin.noise.after(scale)
+        if gaps.any():
+            smooth = smoothed(depth, known | gaps, lattice.cells(scale))
+            spread = np.hypot(spread, smoothed(doubt, known | gaps, lattice.cells(scale)))
+        smooth = np.where(known | gaps, np.nan_to_num(smooth), np.float32(0))
+        ratio = smooth / spread
+        for side, sign in enumerate((1, -1)):
+            deep = sign * smooth > LEAST * least
+            np.maximum(evidence[side], sign * ratio, out=evidence[side], where=deep)
+        if base is None or np.median(base[known]) > least / significant:
+            base, height = spread, smooth
+    found = []
+    for side, sign in enumerate((1, -1)):
+        above = sign * height > np.maximum(_EDGE * base, _LEAST_EDGE * least)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(above.view(np.uint8))
+        for index in np.unique(labels[(evidence[side] >= significant) & above]):
+            left, top, width, rows, _ = stats[index]
+            window = slice(top, top + rows), slice(left, left + width)
+            mask = labels[window] == index
+            found.append(Place(sign, window, mask, float(evidence[side][window][mask].max())))
+    return found

@@ -1,0 +1,76 @@
+"""The dents of one place: its maxima, and which cells are each one's."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ftp_dent_ros.inspection.measuring.outline import part_above
+from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
+
+# Standard deviations of the noise, and part of the height, by which the saddle to a deeper maximum
+# lies lower.
+_SIGNIFICANT, _DROP = 6.0, 0.12
+_LEVELS, _MOST = 32, 40
+_GREYS = 250
+_NEAR = np.ones((3, 3), np.uint8)
+
+
+def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
+    """Rows and columns of the maxima that stand out from their saddles, the deepest first.
+
+    Parameters
+    ----------
+    patch : Patch
+    least : float
+        Depth that a maximum has at least, metres.
+    """
+    values = np.where(patch.known, patch.depth, 0.0).astype(np.float32)
+    unsure = np.hypot(patch.strays, patch.doubt)
+    top = cv2.dilate(values, np.ones((5, 5), np.uint8))
+    at = np.argwhere((values == top) & patch.own & (values > least))
+    order = np.argsort(-values[tuple(at.T)], kind='stable')[:_MOST]
+    at, heights = at[order], values[tuple(at[order].T)]
+    if len(at) < 2:
+        return [(int(row), int(column)) for row, column in at]
+    saddles = np.zeros((len(at), len(at)))
+    step = float(heights[0]) / _LEVELS
+    for level in step * np.arange(_LEVELS):
+        _, labels = cv2.connectedComponents((values > level).view(np.uint8))
+        place = labels[tuple(at.T)]
+        saddles[(place[:, None] == place) & (place > 0)] = level
+    kept = [0]
+    for index in range(1, len(at)):
+        fall = heights[index] - saddles[index, kept].max() - step
+        if fall > max(_DROP * heights[index], _SIGNIFICANT * unsure[tuple(at[index])]):
+            kept.append(index)
+    return [(int(row), int(column)) for row, column in at[kept]]
+
+
+def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Mask | None]:
+    """Cells of each peak, parted where water would part; None of those that stand alone.
+
+    Parameters
+    ----------
+    patch : Patch
+    peaks : list of (int, int)
+        Rows and columns.
+    level : float
+        Part of its depth above which a dent is connected with another, or stands alone.
+    """
+    if len(peaks) < 2:
+        return [None] * len(peaks)
+    around = [part_above(patch, peak, level * patch.depth[peak], None) for peak in peaks]
+    alone = [sum(bool(part[other]) for other in peaks) < 2 for part in around]
+    depth = np.clip(patch.depth / max(float(patch.depth.max()), 1e-12), 0, 1)
+    grey = np.rint(_GREYS * (1 - np.sqrt(depth))).astype(np.uint8)
+    markers = np.zeros(depth.shape, np.int32)
+    for index, (row, column) in enumerate(peaks, start=1):
+        cv2.circle(markers, (column, row), 1, index, cv2.FILLED)
+    found = np.asarray(cv2.watershed(cv2.merge([grey] * 3), markers))
+    # The line between two is both's.
+    own = (cv2.dilate((found == index).view(np.uint8), _NEAR) for index in range(1, len(peaks) + 1))
+    return [
+        None if each else (found == index) | ((part > 0) & (found == -1))
+        for index, (each, part) in enumerate(zip(alone, own, strict=True), start=1)
+    ]
