@@ -251,9 +251,7 @@ def _plane(points: NDArray, viewpoint: NDArray[np.float64]) -> Contour:
     _, axes = np.linalg.eigh(centred.T @ centred)
     inward = axes[:, 0] * (1 if axes[:, 0] @ (origin - viewpoint) > 0 else -1)
     frame = np.stack([axes[:, 2], np.cross(inward, axes[:, 2]), inward])
-    return Contour(
-        origin, frame, float(np.abs(centred).max()), np.zeros(6), np.zeros((6, 6))
-    )
+    return Contour(origin, frame, float(np.abs(centred).max()), np.zeros(6), np.zeros((6, 6)))
 
 
 def _tangent(contour: Contour) -> Contour:

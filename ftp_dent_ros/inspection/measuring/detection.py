@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
@@ -16,6 +15,8 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 
 #: Places a square metre that noise alone lists.
 RATE = 0.05
+#: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
+TENTH = 4.292
 # Standard deviations that the rest of a place departs by.
 _EDGE = 3.0
 #: Part of the smallest depth that a smoothed place has at least, and that of its rest.
@@ -44,9 +45,7 @@ class Place:
     significance: float
 
 
-def find_places(
-    skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDent
-) -> list[Place]:
+def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDent) -> list[Place]:
     """Places of one skin where a smoothed deviation exceeds its noise.
 
     Gaps are filled, and are as uncertain as what fills them.
@@ -67,12 +66,14 @@ def find_places(
     evidence, height = np.zeros((2, 2, *known.shape), np.float32)
     base = None
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
-        spread = skin.noise.after(scale)
+        wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(TENTH * scale)
+        spread = np.hypot(skin.noise.after(scale), np.float32(wavy))
+        unsure = spread
         if gaps.any():
             smooth = smoothed(depth, known | gaps, lattice.cells(scale))
-            spread = np.hypot(spread, smoothed(doubt, known | gaps, lattice.cells(scale)))
+            unsure = np.hypot(spread, smoothed(doubt, known | gaps, lattice.cells(scale)))
         smooth = np.where(known | gaps, np.nan_to_num(smooth), np.float32(0))
-        ratio = smooth / spread
+        ratio = smooth / unsure
         for side, sign in enumerate((1, -1)):
             deep = sign * smooth > LEAST * least
             np.maximum(evidence[side], sign * ratio, out=evidence[side], where=deep)

@@ -8,14 +8,13 @@ from functools import reduce
 import numpy as np
 
 from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.detection import LEAST, RATE
+from ftp_dent_ros.inspection.measuring.detection import LEAST, RATE, TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map
+from ftp_dent_ros.inspection.measuring.patch import DOUBT, FITS, halved
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-# Full width of a Gaussian at 10 % of its depth, in its standard deviations.
-_TENTH = 4.292
 # Of a normal distribution, 95 %: noise hides a dent that is no deeper than what must be seen in
 # half of the cases.
 _SURELY = 1.645
@@ -35,16 +34,28 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
     settings : SmallestDent
     """
     width = settings.smallest_width
-    square = (width / _TENTH) ** 2
-    # What windows of that resolution leave of a Gaussian, about.
-    blurred = np.zeros(1) if lattice.resolution is None else np.square(lattice.resolution) / 100
-    wavy = skin.uncertainty(0.0, 0.0, width)
+    square = (width / TENTH) ** 2
+    resolution = np.zeros(1) if lattice.resolution is None else lattice.resolution
+    window = np.square(resolution / halved(FITS))
+
+    def left(fits: int, more: float = 0.0) -> Map:
+        """Of a Gaussian's depth, after fits in windows and a mean; their Gaussians add up."""
+        terms = (
+            (-1) ** (k + 1) * math.comb(fits, k) * square / (square + k * window + more)
+            for k in range(1, fits + 1)
+        )
+        return reduce(np.add, terms)
+
+    wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(width)
     significant, places = skin.noise.significant(RATE), []
     for scale in skin.noise.scales[1:]:
         spread = np.hypot(skin.noise.after(scale), wavy)
         seen = np.maximum((significant + _SURELY) * spread, LEAST * settings.smallest_depth)
-        places.append(seen * (square + blurred + scale**2) / square)
+        places.append(seen / left(FITS, scale**2))
+    once, twice, restored = (left(FITS * order) for order in (1, 2, 3))
+    doubt = np.hypot(DOUBT * (twice - once), restored - twice)
     spread = np.hypot(skin.noise.after(math.sqrt(square) / 2), wavy)
-    known = settings.smallest_depth + _SURELY * spread
+    sure = restored - _SURELY * doubt
+    known = (settings.smallest_depth + _SURELY * spread) / np.maximum(sure, 1e-6)
     least = np.maximum(reduce(np.minimum, places), known)
     return np.minimum(least, STEEP * width).astype(np.float32)

@@ -23,8 +23,9 @@ from ftp_dent_ros.inspection.measuring.measurement import measure
 from ftp_dent_ros.inspection.measuring.segmentation import seams, segment
 from ftp_dent_ros.inspection.measuring.skin import bare_skin
 from ftp_dent_ros.inspection.measuring.steps import find_steps
-from ftp_dent_ros.inspection.measuring.waviness import waviness_of
+from ftp_dent_ros.inspection.measuring.waviness import CUTOFF, waviness_of
 
+_SHAPE = "may be the skin's own shape, which no simple contour meets"
 # Cells beside a border of two skins where the reconstruction blurs one into the other.
 _SEAM = 3
 
@@ -80,7 +81,8 @@ def inspect(
         np.copyto(findable, lattice.spread(least, shape), where=at)
         usable = part.mask & ~borders
         for place in find_places(skin, usable, lattice, settings):
-            found += measure(place, skin, usable, lattice, settings)
+            dents = measure(place, skin, usable, lattice, settings)
+            found += dents if part.is_met else [_unless_shape(dent, settings) for dent in dents]
     found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
@@ -88,10 +90,18 @@ def inspect(
     return Inspection(tuple(dents), others, tuple(wavy), deviation, noise, findable)
 
 
+def _unless_shape(dent: MeasuredDent, settings: SmallestDent) -> MeasuredDent:
+    """A place on a skin that no contour meets: in doubt where it is as long as waves are."""
+    if dent.length.value < CUTOFF * settings.smallest_width:
+        return dent
+    return replace(dent, kind='other', reason=_SHAPE)
+
+
 def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:
     """Whether a deeper place lies about the same middle: as a dent in its raised rim."""
     return any(
-        np.linalg.norm(dent.position - other.position) < other.width.value / 2
+        np.linalg.norm(dent.position - other.position)
+        < min(other.width.value, dent.width.value) / 4
         and abs(other.depth.value) > abs(dent.depth.value)
         for other in found
         if other.kind != 'step' and dent.kind != 'step'

@@ -25,9 +25,11 @@ LONG = 1.8
 STEEP = 0.3
 _SHARP = 0.33
 # A valley narrower than so many wavelengths of which half is left may be sharp.
-_UNRESOLVED = 1.8
+_UNRESOLVED = 3.0
 #: Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only.
 AT_RIM = 4.0
+# Part of a depth that is not seen to be the bottom's.
+_BOTTOM = 0.9
 #: Part of a dent that has no points, from which on it is cut.
 HIDDEN = 0.05
 
@@ -53,18 +55,25 @@ def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) 
         return '', ''
     if depth > STEEP * max(width, settings.smallest_width):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
-    if sizes.hidden > HIDDEN:
-        return 'other', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
+    if sizes.shown < _BOTTOM * depth:
+        return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
     if sizes.outline.is_cut and depth < AT_RIM * settings.smallest_depth:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
     is_cut = sizes.outline.is_cut or sizes.hidden > HIDDEN
-    if sign > 0 and long and not is_cut and width < _UNRESOLVED * resolution:
+    # Of a Gaussian 0.48, of a paraboloid 1.1.
+    bluntness = 8 * depth * sizes.radius / width**2
+    unresolved = width < _UNRESOLVED * resolution and bluntness < 1
+    if sign > 0 and long and not is_cut and unresolved and bluntness >= _SHARP:
         return 'crease', 'too narrow to see how sharp it is'
     if not depth > COVERAGE * sizes.depth.uncertainty:
         unsure = 1e3 * sizes.depth.uncertainty
         return 'other', f'the cloud is not sure of the surface here ({unsure:.2f} mm)'
     if sign < 0:
         return ('other', 'a narrow ridge') if narrow else ('bump', '')
-    if long and 8 * depth * sizes.radius < _SHARP * width**2:
+    if long and bluntness < _SHARP:
         return 'crease', ''
-    return ('other', 'narrower than the smallest dent') if narrow else ('dent', '')
+    if surely:
+        return 'other', 'narrower than the smallest dent'
+    if sizes.hidden > HIDDEN:
+        return 'dent', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
+    return 'dent', 'may be narrower than the smallest dent' if narrow else ''

@@ -59,9 +59,7 @@ class Lattice:
     measured: NDArray[np.bool_]
 
     @classmethod
-    def of(
-        cls, cloud: Cloud, settings: SmallestDent, viewpoint: NDArray[np.float64]
-    ) -> Lattice:
+    def of(cls, cloud: Cloud, settings: SmallestDent, viewpoint: NDArray[np.float64]) -> Lattice:
         """Check a cloud and average it.
 
         Parameters

@@ -116,15 +116,8 @@ def _profile(
 ) -> Vector:
     """Depths along a line, shape (n, 2), a third of the size beyond both ends."""
     along = size * _PROFILE
-    x, y = centre[0] + along * math.cos(angle), centre[1] + along * math.sin(angle)
-    grid = np.stack([patch.x, patch.y]).reshape(2, -1)
-    rows, columns = np.divmod(np.arange(grid.shape[1]), patch.x.shape[1])
-    terms = np.concatenate([np.ones((1, grid.shape[1])), grid]).T
-    to_cells = np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
-    u, v = (np.stack([np.ones_like(x), x, y], axis=1) @ to_cells).T
-    measured = patch.at(patch.known & ~patch.over, u, v, cv2.INTER_NEAREST) > 0.5
-    depth = np.where(measured, sign * patch.at(patch.depth, u, v), np.nan)
-    return np.stack([along, depth], axis=-1)
+    depth, measured = patch.along(*centre, angle, along)
+    return np.stack([along, np.where(measured, sign * depth, np.nan)], axis=-1)
 
 
 def _unmeasured(

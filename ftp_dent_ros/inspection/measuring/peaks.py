@@ -7,13 +7,12 @@ import numpy as np
 
 from ftp_dent_ros.inspection.measuring.outline import part_above
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
+from ftp_dent_ros.inspection.measuring.segmentation import nearest
 
 # Standard deviations of the noise, and part of the height, by which the saddle to a deeper maximum
 # lies lower.
 _SIGNIFICANT, _DROP = 6.0, 0.12
 _LEVELS, _MOST = 32, 40
-_GREYS = 250
-_NEAR = np.ones((3, 3), np.uint8)
 
 
 def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
@@ -62,15 +61,9 @@ def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Ma
         return [None] * len(peaks)
     around = [part_above(patch, peak, level * patch.depth[peak], None) for peak in peaks]
     alone = [sum(bool(part[other]) for other in peaks) < 2 for part in around]
-    depth = np.clip(patch.depth / max(float(patch.depth.max()), 1e-12), 0, 1)
-    grey = np.rint(_GREYS * (1 - np.sqrt(depth))).astype(np.uint8)
-    markers = np.zeros(depth.shape, np.int32)
-    for index, (row, column) in enumerate(peaks, start=1):
-        cv2.circle(markers, (column, row), 1, index, cv2.FILLED)
-    found = np.asarray(cv2.watershed(cv2.merge([grey] * 3), markers))
-    # The line between two is both's.
-    own = (cv2.dilate((found == index).view(np.uint8), _NEAR) for index in range(1, len(peaks) + 1))
-    return [
-        None if each else (found == index) | ((part > 0) & (found == -1))
-        for index, (each, part) in enumerate(zip(alone, own, strict=True), start=1)
-    ]
+    found = np.full(patch.depth.shape, -1, np.int32)
+    found[tuple(np.array(peaks).T)] = np.arange(len(peaks))
+    for level in np.linspace(float(patch.depth.max()), 0.0, _LEVELS):
+        reached = patch.known & (patch.depth >= level) & (found < 0)
+        found = np.where(reached, nearest(found), found)
+    return [None if each else found == index for index, each in enumerate(alone)]

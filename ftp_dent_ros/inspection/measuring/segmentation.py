@@ -87,7 +87,7 @@ def segment(
         marks = np.full(region.shape, -1, np.int32)
         for index, part in enumerate(parts, len(found)):
             marks[part.mask] = index
-        labels[region] = _nearest(marks)[region]
+        labels[region] = nearest(marks)[region]
         found += parts
     labels = split.with_islands(found[:_MOST], whole, np.where(labels < _MOST, labels, -1))
     return [replace(each, mask=labels == k) for k, each in enumerate(found[:_MOST])], labels
@@ -243,8 +243,8 @@ def _parts(mask: Mask, least: float) -> list[Mask]:
     return [labels == index + 1 for index in order if areas[index] >= least]
 
 
-def _nearest(marks: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The mark of the nearest marked cell."""
+def nearest(marks: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The mark of the nearest cell that has one, not less than 0, shape (rows, columns)."""
     _, labels = cv2.distanceTransformWithLabels(
         (marks < 0).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )

@@ -20,8 +20,9 @@ LEVEL = 0.1
 _TIMES, _WIDER = 12, 1.12
 # Part of the depth above which a quadric is laid through the bottom, and its fewest cells.
 _CAP, _FEWEST = 0.85, 12
-# Of the depth, for the radius at the bottom.
+# Of the depth, for the radius at the bottom; and places across it, in widths.
 _BOTTOM = 0.8
+_ACROSS = np.linspace(-0.75, 0.75, 301)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,8 @@ class Sizes:
         Length over width at half of the depth, which noise does not draw out.
     hidden : float
         Part of the area that was not measured.
+    shown : float
+        Largest depth that was measured, metres, if the bottom was not; else the depth.
     """
 
     outline: Outline
@@ -54,6 +57,7 @@ class Sizes:
     radius: float
     slender: float
     hidden: float
+    shown: float
 
 
 def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin) -> Sizes | None:
@@ -104,6 +108,9 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         _radius(patch, outline, at, depth.value),
         math.inf if half is None else half.length[0] / max(half.width, 1e-12),
         float((outline.inside * patch.over).sum() / max(outline.inside.sum(), 1e-12)),
+        float((patch.depth * ~patch.over * (outline.inside > 0)).max())
+        if patch.over[at]
+        else depth.value,
     )
 
 
@@ -141,13 +148,13 @@ def _bottom(patch: Patch, cap: Mask, high: float) -> float:
 
 def _radius(patch: Patch, outline: Outline, at: tuple[int, int], depth: float) -> float:
     """Radius of curvature of the parabola as wide at four fifths of the depth; NaN in a gap."""
-    angle = outline.length[1]
-    off_x, off_y = patch.x - patch.x[at], patch.y - patch.y[at]
-    across = math.cos(angle) * off_y - math.sin(angle) * off_x
-    along = math.cos(angle) * off_x + math.sin(angle) * off_y
-    line = (np.abs(along) < max(patch.step)) & (outline.inside > 0.5)
-    if patch.over[line].any() or not line.any():
+    distances = outline.width * _ACROSS
+    angle = outline.length[1] + math.pi / 2
+    found, measured = patch.along(patch.x[at], patch.y[at], angle, distances)
+    if not measured[np.abs(distances) < outline.width / 2].all():
         return math.nan
-    deep = line & (patch.depth > _BOTTOM * depth)
-    reach = np.ptp(across[deep]) if deep.any() else 0.0
-    return (reach + min(patch.step)) ** 2 / (8 * (1 - _BOTTOM) * depth)
+    middle = len(distances) // 2
+    low = found < _BOTTOM * depth
+    sides = np.argmax(low[middle::-1]), np.argmax(low[middle:])
+    reach = sum(int(each) or middle for each in sides) * (distances[1] - distances[0])
+    return float(reach**2 / (8 * (1 - _BOTTOM) * depth))

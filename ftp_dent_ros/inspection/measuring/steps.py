@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
-from ftp_dent_ros.inspection.measuring.measurement import axis_along
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.measurement import axis_along
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 

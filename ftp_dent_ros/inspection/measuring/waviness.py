@@ -16,8 +16,8 @@ from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of
 from ftp_dent_ros.robust import NORMAL_SPREAD
 
-# The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
-_CUTOFF = 6.0
+#: The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
+CUTOFF = 6.0
 # Cells of the relief's grid to the smallest width.
 _GRID = 2.0
 # Rounds to the fixed point, those between new weights, and what a step keeps of the last one.
@@ -112,7 +112,7 @@ class _Plate:
         self._spacing = extent[0] / size[0], extent[1] / size[1]
         x, y = (np.arange(n) / (2 * length) for n, length in zip(size, extent, strict=True))
         # Of each cosine half is left at the cutoff; it falls with the fourth power.
-        self._penalty = 1 / (1 + (np.hypot(x, y[:, None]) * _CUTOFF * smallest) ** 4)
+        self._penalty = 1 / (1 + (np.hypot(x, y[:, None]) * CUTOFF * smallest) ** 4)
 
     def passed(self, values: Field) -> Field:
         """What the penalty leaves of a field."""
