@@ -28,8 +28,8 @@ _SHARP = 0.33
 _UNRESOLVED = 3.0
 #: Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only.
 AT_RIM = 4.0
-# Part of a depth that is not seen to be the bottom's.
-_BOTTOM = 0.9
+# Part of a depth that must be measured, and of a dent that is not, for its bottom to be seen.
+_BOTTOM, _MOST = 0.9, 0.5
 #: Part of a dent that has no points, from which on it is cut.
 HIDDEN = 0.05
 
@@ -55,7 +55,7 @@ def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) 
         return '', ''
     if depth > STEEP * max(width, settings.smallest_width):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
-    if sizes.shown < _BOTTOM * depth:
+    if sizes.hidden > _MOST or sizes.hidden > HIDDEN and sizes.shown < _BOTTOM * depth:
         return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
     if sizes.outline.is_cut and depth < AT_RIM * settings.smallest_depth:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'

@@ -44,7 +44,7 @@ class Sizes:
     hidden : float
         Part of the area that was not measured.
     shown : float
-        Largest depth that was measured, metres, if the bottom was not; else the depth.
+        Largest depth that was measured, metres.
     """
 
     outline: Outline
@@ -108,9 +108,7 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         _radius(patch, outline, at, depth.value),
         math.inf if half is None else half.length[0] / max(half.width, 1e-12),
         float((outline.inside * patch.over).sum() / max(outline.inside.sum(), 1e-12)),
-        float((patch.depth * ~patch.over * (outline.inside > 0)).max())
-        if patch.over[at]
-        else depth.value,
+        float((patch.depth * ~patch.over * (outline.inside > 0)).max()),
     )
 
 

@@ -420,7 +420,11 @@ DOUBTED = pytest.mark.xfail(strict=True, reason='is listed as a dent: noise blun
 
 @pytest.mark.parametrize(
     ('sigma', 'kind'),
-    [pytest.param(1e-4, 'crease', marks=DOUBTED), pytest.param(1.6e-4, 'crease', marks=DOUBTED), (3e-4, 'other')],
+    [
+        pytest.param(1e-4, 'crease', marks=DOUBTED),
+        pytest.param(1.6e-4, 'crease', marks=DOUBTED),
+        (3e-4, 'other'),
+    ],
 )
 def test_a_crease_that_is_all_shown_is_known_as_a_dent_is(sigma, kind):
     sharp = 8e-4 * VALLEY * np.clip(1 - np.abs(Y) / 0.02, 0, 1) ** 2
