@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Mask, smoothed
 from ftp_dent_ros.inspection.measuring.skin import Skin
@@ -58,9 +57,7 @@ def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDe
     lattice : Lattice
     settings : SmallestDent
     """
-    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
-    known = usable & np.isfinite(skin.deviation)
-    depth, doubt, gaps = filled(np.where(known, skin.deviation, np.float32(0)), known, reach)
+    known, gaps = usable & np.isfinite(skin.deviation), skin.gaps
     least = settings.smallest_depth
     significant = skin.noise.significant(RATE)
     evidence, height = np.zeros((2, 2, *known.shape), np.float32)
@@ -70,8 +67,8 @@ def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDe
         spread = np.hypot(skin.noise.after(scale), np.float32(wavy))
         unsure = spread
         if gaps.any():
-            smooth = smoothed(depth, known | gaps, lattice.cells(scale))
-            unsure = np.hypot(spread, smoothed(doubt, known | gaps, lattice.cells(scale)))
+            smooth = smoothed(skin.bridged, known | gaps, lattice.cells(scale))
+            unsure = np.hypot(spread, smoothed(skin.doubt, known | gaps, lattice.cells(scale)))
         smooth = np.where(known | gaps, np.nan_to_num(smooth), np.float32(0))
         ratio = smooth / unsure
         for side, sign in enumerate((1, -1)):

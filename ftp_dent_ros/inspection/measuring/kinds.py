@@ -16,6 +16,7 @@ In this order, with sizes on the contour at 10 % of the depth:
 from __future__ import annotations
 
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
+from ftp_dent_ros.inspection.measuring.outline import CUT
 from ftp_dent_ros.inspection.measuring.sizes import Sizes
 
 #: Longer than so many widths is long: a valley, not a round dent.
@@ -30,8 +31,6 @@ _UNRESOLVED = 3.0
 AT_RIM = 4.0
 # Part of a depth that must be measured, and of a dent that is not, for its bottom to be seen.
 _BOTTOM, _MOST = 0.9, 0.5
-#: Part of a dent that has no points, from which on it is cut.
-HIDDEN = 0.05
 
 
 def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) -> tuple[str, str]:
@@ -55,11 +54,11 @@ def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) 
         return '', ''
     if depth > STEEP * max(width, settings.smallest_width):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
-    if sizes.hidden > _MOST or sizes.hidden > HIDDEN and sizes.shown < _BOTTOM * depth:
+    if sizes.hidden > _MOST or (sizes.hidden > CUT and sizes.shown < _BOTTOM * depth):
         return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
     if sizes.outline.is_cut and depth < AT_RIM * settings.smallest_depth:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
-    is_cut = sizes.outline.is_cut or sizes.hidden > HIDDEN
+    is_cut = sizes.outline.is_cut or sizes.hidden > CUT
     # Of a Gaussian 0.48, of a paraboloid 1.1.
     bluntness = 8 * depth * sizes.radius / width**2
     unresolved = width < _UNRESOLVED * resolution and bluntness < 1
@@ -74,6 +73,6 @@ def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) 
         return 'crease', ''
     if surely:
         return 'other', 'narrower than the smallest dent'
-    if sizes.hidden > HIDDEN:
+    if sizes.hidden > CUT:
         return 'dent', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
     return 'dent', 'may be narrower than the smallest dent' if narrow else ''

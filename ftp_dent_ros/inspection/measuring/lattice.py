@@ -18,8 +18,6 @@ _FEWEST_POINTS = 300
 _WIDEST_SPACING = 0.05
 # Neighbours whose median distance is the spacing, about.
 _PAIRS = 5000
-# Every so many cells are enough for the usual noise.
-_SOME = 7
 # Cells across the smallest dent.
 _CELLS = 5
 
@@ -142,7 +140,7 @@ def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[n
     weight = _means(known.astype(np.float32), block)
     total = _means(np.where(known, values, 0).astype(np.float32, copy=False), block)
     means = total / np.maximum(weight, np.float32(1e-6))
-    usual = np.float32(median(means[weight > 0][::_SOME]))
+    usual = np.float32(median(means[weight > 0]))
     return np.where(weight > 0, means, usual)
 
 

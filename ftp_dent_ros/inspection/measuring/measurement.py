@@ -12,8 +12,9 @@ from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orient
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.dent_model import model_axes
 from ftp_dent_ros.inspection.measuring.detection import LEAST, Place
-from ftp_dent_ros.inspection.measuring.kinds import HIDDEN, kind_of
+from ftp_dent_ros.inspection.measuring.kinds import kind_of
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.outline import CUT
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch, patch_of
 from ftp_dent_ros.inspection.measuring.peaks import divided, peaks_of
 from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, sizes_of
@@ -43,7 +44,7 @@ def measure(
     lattice : Lattice
     settings : SmallestDent
     """
-    patch = patch_of(place, skin, part, lattice, settings)
+    patch = patch_of(place, skin, part, lattice)
     peaks = peaks_of(patch, LEAST * settings.smallest_depth)
     sized = [
         (sizes_of(patch, at, region, skin), region)
@@ -104,7 +105,7 @@ def _dent(
         volume=Estimate(sign * sizes.volume.value, sizes.volume.uncertainty),
         bottom_radius=sizes.radius,
         significance=place.significance,
-        is_cut=outline.is_cut or sizes.hidden > HIDDEN,
+        is_cut=outline.is_cut or sizes.hidden > CUT,
         outline=feet - sign * LEVEL * sizes.depth.value * outward,
         length_profile=lengthwise,
         width_profile=crosswise,

@@ -14,14 +14,12 @@ from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Cells that a median is taken of, about.
 _ENOUGH = 5000
+#: Standard deviations that one place does not stray by chance: it does in one of two million.
+SURE = 5.0
 # Below this no cloud is trusted, metres.
 _LEAST = 5e-7
-# Over which noise is correlated where the cloud states none, metres; and bounds of what smoothing
-# leaves of noise, beyond which its correlation does not matter.
-_SHORT, _LEFT = 1.5e-3, (0.02, 0.98)
-# Bounds of what points really stray, as a part of what their cloud states. Never less: most points
-# stray less where the cloud is in doubt, a few as much as it says.
-_STATED = 1.0, 3.0
+# Over which noise is correlated where the cloud states none, metres.
+_SHORT = 1.5e-3
 # Cells between the points of a second difference: more than their noise is correlated over.
 _LAG = 3
 
@@ -136,7 +134,8 @@ def measured_noise(
     reach, really = _SHORT, 1.0
     if lattice.sigma is not None:
         ratios = [_strayed(each / stated, rough) for each in (deviation, *maps)]
-        really = float(np.clip(ratios[0], *_STATED))
+        # Never less: most points stray less where the cloud is in doubt, a few as much as it says.
+        really = max(ratios[0], 1.0)
         reach = _correlated(ratios, scales)
     explained = really * median(stated.ravel()[calm])
     spreads = [_strayed(each, calm) for each in (deviation, *maps)]
@@ -162,8 +161,8 @@ def _strayed(values: Map, cells: NDArray[np.intp]) -> float:
 
 def _correlated(strayed: list[float], scales: tuple[float, ...]) -> float:
     """Over which noise is correlated, metres, as smoothing by each scale leaves it."""
-    left = np.clip(np.array(strayed[1:]) / max(strayed[0], _LEAST), *_LEFT)
-    return float(np.median(np.array(scales) / np.sqrt(1 / np.square(left) - 1)))
+    left = np.minimum(np.array(strayed[1:]) / max(strayed[0], _LEAST), 1.0)
+    return float(np.median(left * scales / np.sqrt(np.maximum(1 - left * left, 0.05))))
 
 
 def _left(scale: float, reach: float) -> float:

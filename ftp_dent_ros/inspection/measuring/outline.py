@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.inspection.measuring.moments import Moments
-from ftp_dent_ros.inspection.measuring.patch import Map, Mask, Patch
+from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 
 _RAYS, _SAMPLES = 96, 80
 # Along each, in radii of the ellipse with the same moments.
@@ -22,8 +22,8 @@ _HARMONICS, _FEWEST, _CLEAR = 8, 2, 10.0
 # Standard deviations of the noise that a level is above zero at least for an outline to be drawn
 # there, and the part of the depth that such a level is at most.
 _ABOVE, _HIGHEST = 2.0, 0.5
-# Part of an outline, or of what lies beside it, that is not measured and makes it a cut one.
-_CUT = 0.05
+#: Part of an outline, or of what lies beside it, that is not measured and makes it a cut one.
+CUT = 0.05
 
 Vector = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ class Outline:
     ----------
     x, y : ndarray, shape (n,)
         Metres.
-    inside : ndarray, shape (rows, columns)
-        Part of each cell of the patch that lies within.
+    inside : ndarray, shape (rows, columns), bool
+        Cells of the patch that lie within.
     is_cut : bool
         Whether it leaves what is measured.
     carried : float
@@ -46,7 +46,7 @@ class Outline:
 
     x: Vector
     y: Vector
-    inside: Map
+    inside: Mask
     is_cut: bool
     carried: float
 
@@ -175,13 +175,11 @@ def _circle() -> NDArray[np.float64]:
     return np.stack([np.cos(angles), np.sin(angles)])
 
 
-def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Map:
-    """Part of each cell within a polygon."""
-    fine = np.zeros((4 * shape[0], 4 * shape[1]), np.uint8)
-    corners = 4 * (np.stack([columns, rows], axis=1) + 0.5) - 0.5
-    cv2.fillPoly(fine, [np.rint(16 * corners).astype(np.int32)], 1, shift=4)
-    share = cv2.resize(np.float32(fine), shape[::-1], interpolation=cv2.INTER_AREA)
-    return np.asarray(share, float)
+def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Mask:
+    """Cells within a polygon."""
+    inside = np.zeros(shape, np.uint8)
+    corners = np.rint(16 * np.stack([columns, rows], axis=1)).astype(np.int32)
+    return np.asarray(cv2.fillPoly(inside, [corners], 1, shift=4)) > 0
 
 
 def _closed(part: Mask) -> Mask:
@@ -194,4 +192,4 @@ def _closed(part: Mask) -> Mask:
 def _is_cut(patch: Patch, columns: Vector, rows: Vector) -> bool:
     """Whether a part of the outline is not measured around."""
     inner = cv2.erode(patch.known.view(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
-    return bool((patch.at(inner, columns, rows, cv2.INTER_NEAREST) < 0.5).mean() > _CUT)
+    return bool((patch.at(inner, columns, rows, cv2.INTER_NEAREST) < 0.5).mean() > CUT)

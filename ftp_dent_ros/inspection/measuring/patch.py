@@ -12,22 +12,20 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.detection import Place
-from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.moments import Moments
-from ftp_dent_ros.inspection.measuring.noise import median_of
+from ftp_dent_ros.inspection.measuring.noise import SURE, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Of a place's window, as a part of its size, and in cells of the lattice.
 _MARGIN, _CELLS = 0.45, 5
 # Cells of a patch across a place, and of its window at most.
 _ACROSS, _MOST = 32, 40_000
-# Of the smoothing: parts of the place's width at least, at most, and at most where its depth would
-# drown in the noise, of which it has so many; and the part of its depth that noise may be.
-_SMALLEST, _WIDEST, _DROWNED, _SUNK = 0.02, 0.04, 0.15, 5.0
-_CLEAN = 0.01
+# Cells that show how places follow the grid.
+_FITTED = 500
+# Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
+_WIDEST = 0.15
 # Points on a dent stray so many times as much as those of bare skin: windows of fringes lean on
 # its slopes. Measured at rims (1.2 to 1.5).
 _SLOPES = 1.35
@@ -107,8 +105,10 @@ class Patch:
     @cached_property
     def _to_cells(self) -> Map:
         """From 1, x and y to columns and rows, shape (3, 2)."""
-        rows, columns = np.divmod(np.arange(self.x.size), self.x.shape[1])
-        terms = np.stack([np.ones(self.x.size), self.x.ravel(), self.y.ravel()], axis=1)
+        every = max(1, self.x.size // _FITTED)
+        rows, columns = np.divmod(np.arange(0, self.x.size, every), self.x.shape[1])
+        at = rows, columns
+        terms = np.stack([np.ones(len(rows)), self.x[at], self.y[at]], axis=1)
         return np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
 
     @cached_property
@@ -131,9 +131,7 @@ class Patch:
         )
 
 
-def patch_of(
-    place: Place, skin: Skin, part: Mask, lattice: Lattice, settings: SmallestDent
-) -> Patch:
+def patch_of(place: Place, skin: Skin, part: Mask, lattice: Lattice) -> Patch:
     """Depths around a place, smoothed as its noise demands and its size allows.
 
     Parameters
@@ -143,7 +141,6 @@ def patch_of(
     part : ndarray, shape (rows, columns), bool
         The skin's cells of the lattice, without those at seams.
     lattice : Lattice
-    settings : SmallestDent
     """
     block, spacing = lattice.block, max(lattice.spacing)
     size = max(place.mask.shape)
@@ -174,20 +171,24 @@ def patch_of(
     maps = np.stack([x, y, place.sign * depth, spread(skin.noise.stated)], axis=-1)
     (x, y, depth, stated), known = _resized(maps, known, zoom)
     step = lattice.spacing[0] / block / zoom, lattice.spacing[1] / block / zoom
-    scale = max(_SMALLEST * width, 0.7 * spacing / block, 0.7 * min(step))
+    finest = 0.7 * max(spacing / block, *step)
     usual = median_of(stated[known]) if known.any() else 0.0
     high = float(np.max(depth, initial=0.0, where=known))
-    while (local := float(skin.noise.after(scale, usual))) > _CLEAN * high:
-        if scale > (_DROWNED if _SUNK * local > high else _WIDEST) * width:
-            break
-        scale *= 1.3
+    drowned = SURE * float(skin.noise.after(finest, usual)) / max(high, 1e-9)
+    scale = max(finest, _WIDEST * width * min(drowned, 1.0))
     sigma = scale / step[0], scale / step[1]
     depth = depth - _taken(depth, known, sigma, 2)
     resolution = math.nan
     if lattice.resolution is not None:
         resolution = median_of(lattice.resolution[own])
     depth, doubt = _restored(depth, known, resolution, _SUPPOSED * spacing / block, step)
-    depth, unsure, over = filled(depth, known, round(GAP * settings.smallest_width / min(step)))
+    bridged, unsure, gaps = (
+        np.asarray(cv2.resize(spread(each, cv2.INTER_LINEAR), known.shape[::-1]))
+        for each in (skin.bridged, skin.doubt, np.float32(skin.gaps))
+    )
+    over = (gaps > 0) & ~known
+    depth = np.where(over, place.sign * bridged, depth)
+    unsure = np.where(over, unsure, 0.0)
     owned = np.asarray(cv2.resize(spread(own), known.shape[::-1], interpolation=cv2.INTER_NEAREST))
     # What the cloud doubts beyond the noise beside the place is alike all over it.
     beside = stated[known & (owned == 0)]
@@ -226,11 +227,14 @@ def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
         share = cv2.resize(weight, size, interpolation=cv2.INTER_LINEAR)
         known = np.asarray(share) > 0.5
     x, y, *others = (found[..., k].astype(float) for k in range(found.shape[-1]))
-    v, u = np.mgrid[: size[1], : size[0]] / max(size)
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    for places in (x, y):
-        fit = np.linalg.lstsq(terms[known], places[known], rcond=None)[0]
-        places[~known] = terms[~known] @ fit
+    if not known.all():
+        v, u = np.mgrid[: size[1], : size[0]] / max(size)
+        terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+        some = np.flatnonzero(known)
+        some = some[:: 1 + len(some) // _FITTED]
+        for places in (x, y):
+            fit = np.linalg.lstsq(terms.reshape(-1, 6)[some], places.ravel()[some], rcond=None)[0]
+            places[~known] = terms[~known] @ fit
     return [x, y, *others], known
 
 

@@ -107,8 +107,8 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         volume,
         _radius(patch, outline, at, depth.value),
         math.inf if half is None else half.length[0] / max(half.width, 1e-12),
-        float((outline.inside * patch.over).sum() / max(outline.inside.sum(), 1e-12)),
-        float((patch.depth * ~patch.over * (outline.inside > 0)).max()),
+        float(patch.over[outline.inside].mean()),
+        float((patch.depth * (outline.inside & ~patch.over)).max()),
     )
 
 
@@ -121,9 +121,9 @@ def _measured(
         return None
     depth = _bottom(patch, part_above(patch, at, _CAP * high, region), high)
     outline = find_outline(patch, at, depth, LEVEL, region)
-    if outline is None or not outline.area > 0:
+    if outline is None or not outline.inside.any():
         return None
-    mean = float((patch.depth * outline.inside).sum() / max(outline.inside.sum(), 1e-12))
+    mean = float(patch.depth[outline.inside].mean())
     length, angle = outline.length
     sizes = depth, length, outline.width, angle, outline.area, outline.area * mean
     return np.array(sizes), outline
@@ -134,10 +134,12 @@ def _bottom(patch: Patch, cap: Mask, high: float) -> float:
     rows, columns = np.nonzero(cap)
     if len(rows) < _FEWEST:
         return high
-    u, v = (each - each.mean() for each in (columns, rows))
+    u, v = ((each - each.mean()) / max(float(each.std()), 1.0) for each in (columns, rows))
     terms = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], axis=1)
-    weight = 1 / np.hypot(patch.strays[cap], patch.doubt[cap])
-    fit = np.linalg.lstsq(terms * weight[:, None], patch.depth[cap] * weight, rcond=None)[0]
+    weight = 1 / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
+    weighted = terms * weight[:, None]
+    normal = weighted.T @ terms
+    fit = np.linalg.lstsq(normal / normal[0, 0], weighted.T @ patch.depth[cap] / normal[0, 0])[0]
     bend = np.array([[2 * fit[3], fit[4]], [fit[4], 2 * fit[5]]])
     if fit[3] >= 0 or np.linalg.det(bend) <= 0:
         return float((terms @ fit).max())

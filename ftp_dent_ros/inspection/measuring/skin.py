@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
+from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.noise import Map, Mask, Noise, measured_noise, smoothed
+from ftp_dent_ros.inspection.measuring.noise import (
+    SURE,
+    Map,
+    Mask,
+    Noise,
+    measured_noise,
+    smoothed,
+)
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.inspection.measuring.waviness import Relief, relief_of
 from ftp_dent_ros.robust import deviation as spread_of
@@ -20,8 +28,8 @@ from ftp_dent_ros.robust import deviation as spread_of
 # Gaussians that dents are looked for with, in smallest widths at 10 % of the depth: a fifth is a
 # half narrower than the smallest dent's own, and one is four times as wide.
 _SCALES = 0.2, 0.5, 1.0
-# Standard deviations from which on a place may be a dent's, and those of the rest of it.
-_DEEP, _EDGE = 5.0, 2.0
+# Standard deviations of the rest of what may be a dent.
+_EDGE = 2.0
 # Smallest widths about a dent within which its edge runs out.
 _AROUND = 1.5
 # Of the relief: of all of the skin with weights alone, then with what they found left out.
@@ -48,6 +56,9 @@ class Skin:
         Depths below both, metres; NaN elsewhere.
     maps : list of ndarray, shape (rows, columns), float32
         The same, smoothed at the noise's scales but for the first, 0.
+    bridged, doubt : ndarray, shape (rows, columns), float32
+        The same with what lies over gaps, and how far that is in doubt; 0 elsewhere.
+    gaps : ndarray, shape (rows, columns), bool
     """
 
     contour: Contour
@@ -55,6 +66,9 @@ class Skin:
     noise: Noise
     deviation: Map
     maps: list[Map]
+    bridged: Map
+    doubt: Map
+    gaps: Mask
 
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
@@ -85,7 +99,11 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
                 break
             skin = _skin(lattice, part, contour, relief, bare, settings)
             bare = usable & ~_off(skin, lattice, settings)
-    return skin
+    known = usable & np.isfinite(skin.deviation)
+    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
+    depth = np.where(known, skin.deviation, np.float32(0))
+    bridged, doubt, gaps = filled(depth, known, reach)
+    return replace(skin, bridged=bridged, doubt=doubt, gaps=gaps)
 
 
 def _skin(
@@ -104,7 +122,8 @@ def _skin(
     deviation = np.where(known, deviation, np.float32(np.nan))
     maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
     noise = measured_noise(deviation, maps, bare, lattice, scales)
-    return Skin(contour, relief, noise, deviation, maps)
+    nothing = np.zeros_like(deviation)
+    return Skin(contour, relief, noise, deviation, maps, nothing, nothing, ~known & known)
 
 
 def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
@@ -114,7 +133,7 @@ def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth) - lacks)
         strays |= off > np.maximum(_EDGE * spread, settings.smallest_depth / 50)
-        deep |= off > np.maximum(_DEEP * spread, settings.smallest_depth / 4)
+        deep |= off > np.maximum(SURE * spread, settings.smallest_depth / 4)
     wide = 2 * round(_AROUND * settings.smallest_width / max(lattice.spacing)) + 1
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
     return strays & (cv2.dilate(deep.view(np.uint8), around) > 0)

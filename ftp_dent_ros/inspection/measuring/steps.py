@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.measurement import axis_along
+from ftp_dent_ros.inspection.measuring.noise import SURE
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
-# Standard deviations of a step's height along it that the height has at least.
-_SURE = 5.0
 # Cells across on which a step is measured, from the first that the seam does not blur.
 _BESIDE = 5
 # Part of a panel's rim that is its seam with another one, from which on it is a plate on that one.
@@ -48,7 +47,7 @@ def find_steps(
                 continue
             height = median(apart)
             spread = NORMAL_SPREAD * median(np.abs(apart - height))
-            if height >= max(settings.smallest_depth, _SURE * spread):
+            if height >= max(settings.smallest_depth, SURE * spread):
                 seam = _Seam(one, lattice.points[at])
                 points = lattice.points[beside]
                 along = seam.profile(0, points, apart, settings.smallest_width)
