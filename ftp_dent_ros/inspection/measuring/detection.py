@@ -60,8 +60,8 @@ def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDe
     known, gaps = usable & np.isfinite(skin.deviation), skin.gaps
     least = settings.smallest_depth
     significant = skin.noise.significant(RATE)
-    evidence, height = np.zeros((2, 2, *known.shape), np.float32)
-    base = None
+    evidence, height = np.zeros((2, *known.shape), np.float32), np.zeros(known.shape, np.float32)
+    base = np.full(known.shape, np.inf)
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(TENTH * scale)
         spread = np.hypot(skin.noise.after(scale), np.float32(wavy))
@@ -74,7 +74,7 @@ def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDe
         for side, sign in enumerate((1, -1)):
             deep = sign * smooth > LEAST * least
             np.maximum(evidence[side], sign * ratio, out=evidence[side], where=deep)
-        if base is None or np.median(base[known]) > least / significant:
+        if np.median(base[known]) > least / significant:
             base, height = spread, smooth
     found = []
     for side, sign in enumerate((1, -1)):

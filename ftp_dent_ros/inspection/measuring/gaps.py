@@ -27,11 +27,11 @@ def gaps_of(known: Mask, reach: int) -> Mask:
         return np.zeros_like(known)
     radius = (reach + 1) // 2
     rim = radius + 1
-    closed = np.pad(known, rim)
+    near = np.pad(known, rim)
     for _ in range(2):  # dilation by a disc, and erosion
-        far = cv2.distanceTransform((~closed).view(np.uint8), cv2.DIST_L2, 5)
-        closed = np.asarray(far) > radius
-    closed = closed.view(np.uint8)
+        far = cv2.distanceTransform((~near).view(np.uint8), cv2.DIST_L2, 5)
+        near = np.asarray(far) > radius
+    closed = near.view(np.uint8)
     outside = 2
     cv2.floodFill(closed, None, (0, 0), outside, flags=4)
     return (closed[rim:-rim, rim:-rim] != outside) & ~known

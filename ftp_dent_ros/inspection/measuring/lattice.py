@@ -86,10 +86,10 @@ class Lattice:
         valid = share > 0.5
         # What is divided by infinity is 0.
         divisor = np.where(valid, share, np.float32(np.inf))
-        points = cv2.divide(_means(relative, block), cv2.merge([divisor] * 3))
+        means = cv2.divide(_means(relative, block), cv2.merge([divisor] * 3))
         spacing = block * across[0], block * across[1]
         return cls(
-            np.asarray(points, np.float32),
+            np.asarray(means, np.float32),
             valid,
             _stated(sigma, finite, block),
             _stated(cloud.resolution, finite, block),
@@ -127,9 +127,10 @@ def _before_denoising(
     if not known.any():
         return cloud.points, cloud.sigma
     rays = cloud.points - viewpoint.astype(np.float32)
-    rays /= np.maximum(np.linalg.norm(rays, axis=-1, keepdims=True), np.float32(1e-9))
-    shift = np.where(known, cloud.raw, np.float32(0))
-    return cloud.points + shift[..., None] * rays, np.where(known, cloud.noise, cloud.sigma)
+    distance = np.maximum(np.linalg.norm(rays, axis=-1), np.float32(1e-9))
+    shift = np.where(known, cloud.raw, np.float32(0)) / distance
+    moved = (cloud.points + shift[..., None] * rays).astype(np.float32, copy=False)
+    return moved, np.where(known, cloud.noise, cloud.sigma)
 
 
 def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:

@@ -147,7 +147,7 @@ def find_outline(
     columns, rows = moments.column + ray[0], moments.row + ray[1]
     depths = patch.at(patch.depth, columns, rows)
     # One cell more, so that the crossing behind the last cell is seen.
-    wider = cv2.dilate(part.view(np.uint8), np.ones((3, 3), np.uint8))
+    wider = np.asarray(cv2.dilate(part.view(np.uint8), np.ones((3, 3), np.uint8)))
     held = (patch.at(wider, columns, rows, cv2.INTER_NEAREST) > 0.5) & (depths > level * depth)
     held[:, 0] = True
     last = np.minimum(_SAMPLES - 1 - np.argmax(held[:, ::-1], axis=1), _SAMPLES - 2)
@@ -161,11 +161,12 @@ def find_outline(
     spectrum[int(min(max(_HARMONICS * clear, _FEWEST), _HARMONICS)) + 1 :] = 0
     out = np.array([[moments.column], [moments.row]])
     out = out + middle * np.fft.irfft(spectrum, _RAYS) * (stretch @ _circle())
-    out = np.clip(out, 0, [[each - 1] for each in part.shape[::-1]])
-    x, y = (patch.at(values, *out, cv2.INTER_LINEAR) for values in (patch.x, patch.y))
+    column, row = np.clip(out, 0, [[each - 1] for each in part.shape[::-1]])
+    x, y = (patch.at(each, column, row, cv2.INTER_LINEAR) for each in (patch.x, patch.y))
     # A range is its half over the root of three uncertain.
     carried = (most - least) / 2 / math.sqrt(3) / middle
-    return Outline(x, y, _covered(part.shape, *out), _is_cut(patch, *out), carried)
+    inside = _covered(part.shape, column, row)
+    return Outline(x, y, inside, _is_cut(patch, column, row), carried)
 
 
 @cache
@@ -191,5 +192,6 @@ def _closed(part: Mask) -> Mask:
 
 def _is_cut(patch: Patch, columns: Vector, rows: Vector) -> bool:
     """Whether a part of the outline is not measured around."""
-    inner = cv2.erode(patch.known.view(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
+    near = np.ones((3, 3), np.uint8)
+    inner = np.asarray(cv2.erode(patch.known.view(np.uint8), near, borderValue=0))
     return bool((patch.at(inner, columns, rows, cv2.INTER_NEAREST) < 0.5).mean() > CUT)

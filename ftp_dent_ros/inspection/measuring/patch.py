@@ -80,7 +80,7 @@ class Patch:
     step: tuple[float, float]
     resolution: float
 
-    def at(self, values: Map, columns: Map, rows: Map, how: int = cv2.INTER_CUBIC) -> Map:
+    def at(self, values: NDArray, columns: Map, rows: Map, how: int = cv2.INTER_CUBIC) -> Map:
         """Values at fractions of cells, 0 beyond the frame; of up to 2 dimensions."""
         x, y = np.atleast_2d(np.float32(columns)), np.atleast_2d(np.float32(rows))
         found = cv2.remap(np.float32(values), x, y, how, borderMode=cv2.BORDER_CONSTANT)
@@ -88,16 +88,8 @@ class Patch:
 
     def along(self, x: float, y: float, angle: float, distances: Map) -> tuple[Map, Mask]:
         """Depths at distances from a place, at an angle from x; and where they are measured."""
-        at = np.stack(
-            [
-                np.ones_like(distances),
-                *(
-                    start + distances * turned
-                    for start, turned in ((x, math.cos(angle)), (y, math.sin(angle)))
-                ),
-            ],
-            axis=1,
-        )
+        out_x, out_y = x + distances * math.cos(angle), y + distances * math.sin(angle)
+        at = np.stack([np.ones_like(distances), out_x, out_y], axis=1)
         columns, rows = (at @ self._to_cells).T
         measured = self.at(self.known & ~self.over, columns, rows, cv2.INTER_NEAREST) > 0.5
         return self.at(self.depth, columns, rows), measured

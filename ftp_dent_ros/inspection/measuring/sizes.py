@@ -93,6 +93,8 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     more = off.mean(axis=0)
     spread = np.hypot(_WIDER * off.std(axis=0, ddof=1), more / 2)
     values = np.where(values > 0, values * values / np.maximum(values + more, values / 2), values)
+    # Outlines that are carried on are unsure of lengths and widths, and twice of areas.
+    spread = np.hypot(spread, outline.carried * values * (0, 1, 1, 0, 2, 0))
     depth, length, width, angle, area, volume = (
         Estimate(float(value), float(each)) for value, each in zip(values, spread, strict=True)
     )
