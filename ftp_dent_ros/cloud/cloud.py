@@ -13,6 +13,9 @@ from ftp_dent_ros.errors import CloudError
 if TYPE_CHECKING:
     from ftp_dent_ros.pose import Pose
 
+#: What a cloud has of each point beside its place, in the order of files and messages.
+FIELDS = ('intensity', 'sigma', 'resolution', 'raw', 'noise')
+
 
 @dataclass(frozen=True)
 class Cloud:
@@ -31,6 +34,11 @@ class Cloud:
     resolution : ndarray, shape (rows, columns), float32
         Wavelength on the surface, metres, at which smoothing has taken half of a detail's depth;
         longer ones are shown better. NaN where it is not known; all NaN if not given.
+    raw, noise : ndarray, shape (rows, columns), float32
+        From each point along its ray, away from the camera, to where it lay before it was
+        denoised, metres, and the standard deviation of that place by noise alone. Denoising
+        takes small dents off with the noise, and makes others shallower and wider: a dent is
+        looked for in what was there before. NaN where they are not known; all NaN if not given.
     skin : ndarray, shape (rows, columns), uint8
         Its light without the fringes, as an image; 0 where it is not known, all 0 if not given.
     """
@@ -39,6 +47,8 @@ class Cloud:
     intensity: NDArray[np.float32]
     sigma: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 0), np.float32))
     resolution: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 0), np.float32))
+    raw: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 0), np.float32))
+    noise: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 0), np.float32))
     skin: NDArray[np.uint8] = field(
         default_factory=lambda: np.empty((0, 0), np.uint8), kw_only=True
     )
@@ -49,7 +59,7 @@ class Cloud:
                 f'a cloud has the shape (rows, columns, 3), not {self.points.shape}: '
                 'give an organised cloud'
             )
-        for name in ('intensity', 'sigma', 'resolution', 'skin'):
+        for name in (*FIELDS, 'skin'):
             values = getattr(self, name)
             if name != 'intensity' and not values.size:
                 nothing = 0 if name == 'skin' else np.nan
@@ -76,7 +86,7 @@ class Cloud:
     def transposed(self) -> Cloud:
         """The same cloud with x for y, and y for x, of pixels as of points."""
         points = np.ascontiguousarray(self.points.swapaxes(0, 1)[..., [1, 0, 2]])
-        names = ('intensity', 'sigma', 'resolution', 'skin')
+        names = (*FIELDS, 'skin')
         turned = {name: np.ascontiguousarray(getattr(self, name).T) for name in names}
         return Cloud(points, **turned)
 

@@ -12,15 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import FIELDS, Cloud
 from ftp_dent_ros.errors import CloudError, printable
 from ftp_dent_ros.files import write_atomically
 
 _FORMAT = 'format binary_little_endian 1.0'
 # What is written of a vertex, by PLY's names and numpy's.
-_FIELDS = ('intensity', 'sigma', 'resolution')
 _PROPERTIES = [
-    *((name, 'float') for name in ('x', 'y', 'z', *_FIELDS)),
+    *((name, 'float') for name in ('x', 'y', 'z', *FIELDS)),
     ('row', 'ushort'),
     ('column', 'ushort'),
 ]
@@ -147,10 +146,10 @@ def _cloud(vertex: NDArray[np.void], shape: tuple[int, int]) -> Cloud:
     if any((index >= limit).any() for index, limit in zip(at, shape, strict=True)):
         raise CloudError('a point lies outside its grid: write it again')
     grid = np.zeros(shape, vertex.dtype)
-    for name in ('x', 'y', 'z', 'sigma', 'resolution'):
+    for name in ('x', 'y', 'z', *FIELDS[1:]):
         grid[name] = np.nan
     grid[at] = vertex
     points = np.stack([grid[name] for name in 'xyz'], axis=-1)
     points[~np.isfinite(points).all(axis=-1)] = np.nan
-    names = [*_FIELDS, *(['skin'] if 'skin' in (vertex.dtype.names or ()) else [])]
+    names = [*FIELDS, *(['skin'] if 'skin' in (vertex.dtype.names or ()) else [])]
     return Cloud(points, **{name: np.ascontiguousarray(grid[name]) for name in names})

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import FIELDS, Cloud
 from ftp_dent_ros.errors import CodecError
 from ftp_dent_ros.rig.rig import Lens
 
@@ -332,7 +332,10 @@ def encode(cloud: Cloud, view: RayGrid | None = None, part: float = PART) -> byt
         given = [(name, plane, valid, StepScale.LINEAR, step) for name, plane in planes]
     lit = np.isfinite(cloud.intensity) & (cloud.intensity != 0)
     rest = [('intensity', cloud.intensity, lit, StepScale.LINEAR, 1.0)]
-    for name in ('sigma', 'resolution'):
+    known = np.isfinite(cloud.raw) & (cloud.noise > 0)
+    step = _step(cloud.noise, cloud.noise, known, part)
+    rest.append(('raw', cloud.raw, known, StepScale.LINEAR, step))
+    for name in ('sigma', 'resolution', 'noise'):
         values = getattr(cloud, name)
         rest.append((name, values, np.isfinite(values) & (values > 0), StepScale.LOGARITHM, 0.0))
     given += [field for field in rest if field[2].any()]
@@ -406,9 +409,7 @@ def thinned(cloud: Cloud, view: RayGrid | None, columns: int) -> tuple[Cloud, Ra
     """Every n-th point of a cloud, for a preview of at most so many columns."""
     every = max(1, math.ceil(cloud.intensity.shape[1] / columns))
     points = np.ascontiguousarray(cloud.points[::every, ::every])
-    rest = (
-        getattr(cloud, name)[::every, ::every] for name in ('intensity', 'sigma', 'resolution')
-    )
+    rest = (getattr(cloud, name)[::every, ::every] for name in FIELDS[:3])
     few = RayGrid(view.lens, view.stride * every) if view else None
     return Cloud(points, *rest), few
 
@@ -442,5 +443,5 @@ def _decoded(header: dict[str, Any], body: io.BytesIO) -> Cloud:
             raise CodecError('an encoded cloud holds points at infinity: it is refused')
     points = np.stack([x, y, z], axis=-1)
     dark, unknown = np.zeros(shape, np.float32), np.full(shape, np.nan, np.float32)
-    rest = (values.get(name, unknown) for name in ('sigma', 'resolution'))
+    rest = (values.get(name, unknown) for name in FIELDS[1:])
     return Cloud(points, values.get('intensity', dark), *rest)

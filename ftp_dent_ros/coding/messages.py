@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.cloud import FIELDS, Cloud
 from ftp_dent_ros.errors import CloudError, ConfigurationError, PoseError, RigError
 from ftp_dent_ros.rig.rig import Lens
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ftp_dent_ros.pose import Pose
 
 
-CLOUD_FIELDS = ('x', 'y', 'z', 'intensity', 'sigma', 'resolution')
+CLOUD_FIELDS = ('x', 'y', 'z', *FIELDS)
 #: Estimates of a dent: each is followed by its uncertainty.
 ESTIMATES = (
     *('length', 'width', 'depth', 'model_length', 'model_width'),
@@ -62,7 +62,7 @@ def cloud_from_message(message: PointCloud2) -> Cloud:
     Parameters
     ----------
     message : sensor_msgs/PointCloud2
-        With float fields x, y, z; without the others intensity is 0, sigma and resolution NaN.
+        With float fields x, y, z; without the others intensity is 0, and the rest NaN.
 
     Raises
     ------

@@ -20,7 +20,7 @@ from ftp_dent_ros.dents.dent import COVERAGE, Estimate, MeasuredDent
 from ftp_dent_ros.dents.rules import EXCEEDS, UNDECIDED, WITHIN, Judgement, verdict
 from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.files import write_texts
-from ftp_dent_ros.inspection.measuring.places.kinds import AT_RIM
+from ftp_dent_ros.inspection.measuring.kinds import AT_RIM
 from ftp_dent_ros.inspection.records import csv_text, report_record
 from ftp_dent_ros.inspection.report import (
     DrawnCloud,

@@ -126,7 +126,7 @@ def test_a_cloud_comes_back_bit_for_bit():
     cloud = sample_cloud()
     message = through_the_wire(cloud_to_message(cloud, 5, 'eye'))
     assert (message.height, message.width, message.is_dense) == (3, 5, False)
-    names = ['x', 'y', 'z', 'intensity', 'sigma', 'resolution']
+    names = ['x', 'y', 'z', 'intensity', 'sigma', 'resolution', 'raw', 'noise']
     assert [field.name for field in message.fields] == names
     back = cloud_from_message(message)
     np.testing.assert_array_equal(back.points.view(np.uint32), cloud.points.view(np.uint32))

@@ -47,11 +47,14 @@ class Denoised:
         Mean square error: noise that is left, and signal that is not; radians^2.
     finest : ndarray
         Gain of the finest octave.
+    noise : ndarray
+        Variance of the phase as it was, radians^2.
     """
 
     phase: NDArray[np.float32]
     variance: NDArray[np.float32]
     finest: NDArray[np.float32]
+    noise: NDArray[np.float32]
 
 
 def denoise(
@@ -79,7 +82,7 @@ def denoise(
     mean = _Means(grid, mask)
     floor = np.float32(_OF_WINDOWS) * posterior
     low, lows = phase * mask, [each * mask for each in changes]
-    kept, variance, noise = (np.zeros_like(phase) for _ in range(3))
+    kept, variance, noise, whole = (np.zeros_like(phase) for _ in range(4))
     finest = np.ones_like(phase)
     for octave in range(_OCTAVES):
         width = WIDTH * 2**octave
@@ -92,6 +95,7 @@ def denoise(
         before, noise = noise, np.minimum(np.float32(_OF_DIRT) * contrast, amplitude)  # eq. 8
         if octave:
             noise = np.minimum(noise, np.float32(_FALLS[octave > 1]) * before)
+        whole = whole + noise
         energy = mean.of(detail * detail, _OF_ENERGY * width)
         change = np.minimum(contrast, amplitude)
         signal = np.where(energy > noise + np.float32(_CHANCE) * change, energy - noise, 0)
@@ -105,8 +109,10 @@ def denoise(
         finest = finest if octave else gain
         low, lows = smooth, smooths
     # At rims the widest windows are cut.
-    variance = variance + np.float32(_BEYOND) * noise / np.square(mean.share(width))
-    return Denoised((kept + low) * mask, variance, finest)
+    beyond = np.float32(_BEYOND) * noise / np.square(mean.share(width))
+    # So are those of the fit.
+    whole = (whole + beyond) / np.square(mean.share(WIDTH))
+    return Denoised((kept + low) * mask, variance + beyond, finest, whole)
 
 
 class _Means:

@@ -33,10 +33,10 @@ class Sheet:
     Attributes
     ----------
     quadric : Quadric
-    away : ndarray, shape (rows, columns), float32
-        Inverse depth about the quadric's, at the bins.
-    deviation : ndarray, shape (rows, nodes), float32
-        Standard deviation along the rays, metres.
+    away, raw : ndarray, shape (rows, columns), float32
+        Inverse depth about the quadric's, at the bins, denoised and before.
+    deviation, noise : ndarray, shape (rows, nodes), float32
+        Standard deviations of both along the rays, metres.
     amplitude : ndarray, shape (rows, nodes), float32
         Of the fringes, grey levels.
     share : ndarray, shape (rows, nodes), float32
@@ -49,7 +49,9 @@ class Sheet:
 
     quadric: Quadric
     away: NDArray[np.float32]
+    raw: NDArray[np.float32]
     deviation: NDArray[np.float32]
+    noise: NDArray[np.float32]
     amplitude: NDArray[np.float32]
     share: NDArray[np.float32]
     sure: NDArray[np.bool_]
@@ -77,9 +79,9 @@ class Pixels:
     def cloud(self, sheets: Sequence[Sheet]) -> Cloud:
         """Cloud of surfaces; the later ones lie over the others."""
         shape = self._rays.shape[:2]
-        sigma, resolution = (np.full(shape, np.nan, np.float32) for _ in range(2))
+        unknown = (np.full(shape, np.nan, np.float32) for _ in range(4))
         points = np.full((*shape, 3), np.nan, np.float32)
-        cloud = Cloud(points, np.zeros(shape, np.float32), sigma, resolution)
+        cloud = Cloud(points, np.zeros(shape, np.float32), *unknown)
         for first in range(0, len(self._rows), _STRIP):
             for sheet in sheets:
                 self._put(cloud, sheet, slice(first, first + _STRIP))
@@ -91,7 +93,8 @@ class Pixels:
         if not good.any():
             return
         places = self._grid.places(self._columns, self._rows[rows])
-        z = 1 / (sheet.quadric.at(*places) + self._at(sheet.away, rows))
+        smooth = sheet.quadric.at(*places)
+        z, raw = (1 / (smooth + self._at(each, rows)) for each in (sheet.away, sheet.raw))
         sigma = self._at(sheet.deviation, rows)
         on = good & (z > 0) & (sigma < _FAR * z) & (self._at(sheet.rim, rows) > RIM)
         sure = self._at(sheet.sure, rows, cv2.INTER_NEAREST) > 0
@@ -103,6 +106,8 @@ class Pixels:
             (cloud.intensity[rows], self._at(sheet.amplitude, rows)),
             (cloud.sigma[rows], sigma),
             (cloud.resolution[rows], self._resolution * z),
+            (cloud.raw[rows], (raw - z) * np.sqrt(1 + x * x + y * y)),
+            (cloud.noise[rows], self._at(sheet.noise, rows)),
         ):
             np.copyto(field, values, where=on)
 

@@ -140,9 +140,10 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        self._keep(inside, certain, quadric, phase, at_nodes, variance)
+        whole = np.maximum(denoised.noise, 0) + self._unexplained
+        self._keep(inside, certain, quadric, phase, at_nodes, variance, whole)
 
-    def _keep(self, inside, certain, quadric, phase, at_nodes, variance) -> None:
+    def _keep(self, inside, certain, quadric, phase, at_nodes, variance, whole) -> None:
         """Keep what is certain enough, and lit by the panel."""
         grid = self._grid
         sure, share, good = self._ends(inside, certain)
@@ -154,12 +155,21 @@ class Points:
             return
         stripe = own & (np.abs(phase) < math.pi)
         self._at_stripe.append(1 / inverse[stripe if stripe.any() else own])
-        away = Nearest(own)((inverse - quadric.at(*grid.bin_places)).astype(np.float32))
+        nearest, smooth = Nearest(own), quadric.at(*grid.bin_places)
+        away, raw = (
+            deconvolved(nearest((each - smooth).astype(np.float32)), grid.step, grid.rows)
+            for each in (inverse, self._bins.meet(self._fit.phase)[0])
+        )
+        deviation, noise = (
+            self._nodes.deviation(at_nodes, Nearest(certain)(each)) for each in (variance, whole)
+        )
         self.sheets.append(
             Sheet(
                 quadric,
-                deconvolved(away, grid.step, grid.rows),
-                self._nodes.deviation(at_nodes, Nearest(certain)(variance)),
+                away,
+                raw,
+                deviation,
+                noise,
                 self._amplitude,
                 share,
                 sure,

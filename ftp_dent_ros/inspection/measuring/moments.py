@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 # Variance of a place in a cell, in squares of its side.
 _CELL = 1 / 12
-#: Noise makes marks that are up to so many times longer than wide.
-NOISY = 2.0
 
 
 class Moments(NamedTuple):

@@ -18,15 +18,13 @@ _FEWEST_POINTS = 300
 _WIDEST_SPACING = 0.05
 # Neighbours whose median distance is the spacing, about.
 _PAIRS = 5000
-# Every so many cells are enough for the usual noise.
-_SOME = 7
 # Cells across the smallest dent.
 _CELLS = 5
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Means of blocks of the cloud.
+    """Means of blocks of the cloud, as it was before it was denoised.
 
     Attributes
     ----------
@@ -46,8 +44,6 @@ class Lattice:
     all_points : ndarray, shape (rows of the cloud, columns of the cloud, 3), float32
         Relative to `origin`, metres; 0 where not `measured`.
     measured : ndarray, shape (rows of the cloud, columns of the cloud), bool
-    light : ndarray, shape (rows of the cloud, columns of the cloud), float32
-        Modulation of the fringes, grey levels.
     """
 
     points: NDArray[np.float32]
@@ -59,11 +55,17 @@ class Lattice:
     origin: NDArray[np.float64]
     all_points: NDArray[np.float32]
     measured: NDArray[np.bool_]
-    light: NDArray[np.float32]
 
     @classmethod
-    def of(cls, cloud: Cloud, settings: SmallestDent) -> Lattice:
+    def of(cls, cloud: Cloud, settings: SmallestDent, viewpoint: NDArray[np.float64]) -> Lattice:
         """Check a cloud and average it.
+
+        Parameters
+        ----------
+        cloud : Cloud
+        settings : SmallestDent
+        viewpoint : ndarray, shape (3,)
+            Of the camera in the cloud's frame.
 
         Raises
         ------
@@ -71,7 +73,8 @@ class Lattice:
             The cloud cannot be inspected; the message says why.
         """
         origin = _checked(cloud)
-        relative, finite = _relative(cloud.points, origin)
+        points, sigma = _before_denoising(cloud, viewpoint)
+        relative, finite = _relative(points, origin)
         across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
         if max(across) > _WIDEST_SPACING:
             raise CloudError(
@@ -83,19 +86,18 @@ class Lattice:
         valid = share > 0.5
         # What is divided by infinity is 0.
         divisor = np.where(valid, share, np.float32(np.inf))
-        points = cv2.divide(_means(relative, block), cv2.merge([divisor] * 3))
+        means = cv2.divide(_means(relative, block), cv2.merge([divisor] * 3))
         spacing = block * across[0], block * across[1]
         return cls(
-            np.asarray(points, np.float32),
+            np.asarray(means, np.float32),
             valid,
-            _stated(cloud.sigma, finite, block),
+            _stated(sigma, finite, block),
             _stated(cloud.resolution, finite, block),
             block,
             spacing,
             origin,
             relative,
             finite,
-            cloud.intensity,
         )
 
     def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
@@ -117,6 +119,20 @@ class Lattice:
         return metres / self.spacing[0], metres / self.spacing[1]
 
 
+def _before_denoising(
+    cloud: Cloud, viewpoint: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Points as the photograph alone has them, and their uncertainty, where the cloud has both."""
+    known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
+    if not known.any():
+        return cloud.points, cloud.sigma
+    rays = cloud.points - viewpoint.astype(np.float32)
+    distance = np.maximum(np.linalg.norm(rays, axis=-1), np.float32(1e-9))
+    shift = np.where(known, cloud.raw, np.float32(0)) / distance
+    moved = (cloud.points + shift[..., None] * rays).astype(np.float32, copy=False)
+    return moved, np.where(known, cloud.noise, cloud.sigma)
+
+
 def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:
     """Means of what the cloud states of its points; None if it states nothing."""
     known = finite & np.isfinite(values) & (values > 0)
@@ -125,7 +141,7 @@ def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[n
     weight = _means(known.astype(np.float32), block)
     total = _means(np.where(known, values, 0).astype(np.float32, copy=False), block)
     means = total / np.maximum(weight, np.float32(1e-6))
-    usual = np.float32(median(means[weight > 0][::_SOME]))
+    usual = np.float32(median(means[weight > 0]))
     return np.where(weight > 0, means, usual)
 
 

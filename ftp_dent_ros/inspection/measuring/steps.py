@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
-from ftp_dent_ros.inspection.measuring.places.detection import SIGNIFICANT
-from ftp_dent_ros.inspection.measuring.places.placement import axis_along
-from ftp_dent_ros.inspection.measuring.skin.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.skin.panels import Panel
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.measurement import axis_along
+from ftp_dent_ros.inspection.measuring.noise import SURE
+from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
 # Cells across on which a step is measured, from the first that the seam does not blur.
@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 def find_steps(
     lattice: Lattice,
-    panels: list[Panel],
+    panels: list[Segment],
     labels: NDArray[np.int32],
     seams: Mask,
     settings: SmallestDent,
@@ -47,7 +47,7 @@ def find_steps(
                 continue
             height = median(apart)
             spread = NORMAL_SPREAD * median(np.abs(apart - height))
-            if height >= max(settings.smallest_depth, SIGNIFICANT * spread):
+            if height >= max(settings.smallest_depth, SURE * spread):
                 seam = _Seam(one, lattice.points[at])
                 points = lattice.points[beside]
                 along = seam.profile(0, points, apart, settings.smallest_width)
@@ -64,7 +64,7 @@ def find_steps(
 
 
 def _apart(
-    lattice: Lattice, one: Panel, other: Panel, at: Mask, seams: Mask
+    lattice: Lattice, one: Segment, other: Segment, at: Mask, seams: Mask
 ) -> tuple[Mask, NDArray]:
     """The smaller panel's cells beside the seam, and how far they lie off the larger's contour.
 
@@ -79,7 +79,7 @@ def _apart(
     return beside, np.abs(larger.contour.deviation(lattice.points[beside])[2])
 
 
-def _is_all_round(panel: Panel, plate: Panel) -> bool:
+def _is_all_round(panel: Segment, plate: Segment) -> bool:
     """Whether a panel is about all that lies around another one."""
     kernel = np.ones((3, 3), np.uint8)
     within = cv2.erode(plate.mask.view(np.uint8), kernel, borderValue=0) > 0
@@ -90,7 +90,7 @@ def _is_all_round(panel: Panel, plate: Panel) -> bool:
 class _Seam:
     """The cells of a border between two panels, as a line on one of them."""
 
-    def __init__(self, panel: Panel, points: NDArray) -> None:
+    def __init__(self, panel: Segment, points: NDArray) -> None:
         self.panel = panel
         x, y = self._local(points).T
         self.centre = np.array([x.mean(), y.mean()])
@@ -100,7 +100,7 @@ class _Seam:
         place = self._places(points, 0)
         self.length = float(np.ptp(place))
         order = np.argsort(place)
-        self.outline = panel.contour.point(x[order], y[order])
+        self.outline = panel.contour.foot(x[order], y[order])[0]
 
     def profile(
         self, way: int, points: NDArray, heights: NDArray, width: float
@@ -124,10 +124,11 @@ def _step(seam: _Seam, profile: NDArray, height: Estimate, spread: float) -> Mea
     contour = seam.panel.contour
     at = seam.centre[:1], seam.centre[1:]
     along, _ = seam.directions
+    (position,), (normal,) = contour.foot(*at)
     return MeasuredDent(
         kind='step',
-        position=contour.point(*at)[0],
-        normal=contour.normal(*at)[0],
+        position=position,
+        normal=normal,
         axis=along[0] * contour.axes[0] + along[1] * contour.axes[1],
         depth=height,
         length=Estimate(seam.length, contour.scale / 100),
@@ -146,7 +147,7 @@ def _step(seam: _Seam, profile: NDArray, height: Estimate, spread: float) -> Mea
     )
 
 
-def _around(step: MeasuredDent, lattice: Lattice, panel: Panel, plate: Panel) -> MeasuredDent:
+def _around(step: MeasuredDent, lattice: Lattice, panel: Segment, plate: Segment) -> MeasuredDent:
     """The step all round a plate, with the plate's place and sizes."""
     contour, cell = panel.contour, max(lattice.spacing)
     x, y, deviation = contour.deviation(lattice.points[plate.mask])
@@ -157,13 +158,13 @@ def _around(step: MeasuredDent, lattice: Lattice, panel: Panel, plate: Panel) ->
     # Cells reach half a cell beyond their middles, and each edge errs by as much.
     length, width = (Estimate(side + cell, cell) for side in (max(sides), min(sides)))
     at = np.array(middle)[:, None]
-    normal = contour.normal(*at)[0]
+    (position,), (normal,) = contour.foot(*at)
     axis = axis_along(contour, normal, angle)
     corners = cv2.boxPoints((middle, (sides[0] + cell, sides[1] + cell), degrees)).astype(float)
     return replace(
         step,
         reason=_PLATE,
-        position=contour.point(*at)[0],
+        position=position,
         normal=normal,
         axis=axis,
         length=length,
@@ -171,5 +172,5 @@ def _around(step: MeasuredDent, lattice: Lattice, panel: Panel, plate: Panel) ->
         orientation=Estimate(orientation_of(normal, axis), cell / length.value),
         area=Estimate(plate.mask.sum() * math.prod(lattice.spacing), length.value * cell),
         is_cut=False,
-        outline=contour.point(*np.concatenate([corners, corners[:1]]).T),
+        outline=contour.foot(*np.concatenate([corners, corners[:1]]).T)[0],
     )

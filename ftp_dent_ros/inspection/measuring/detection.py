@@ -1,0 +1,88 @@
+"""Where the skin departs from its contour beyond the noise: one test at several scales."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ftp_dent_ros.dents.dent import SmallestDent
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.noise import Mask, smoothed
+from ftp_dent_ros.inspection.measuring.skin import Skin
+
+#: Places a square metre that noise alone lists.
+RATE = 0.05
+#: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
+TENTH = 4.292
+# Standard deviations that the rest of a place departs by.
+_EDGE = 3.0
+#: Part of the smallest depth that a smoothed place has at least, and that of its rest.
+LEAST, _LEAST_EDGE = 0.5, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Connected cells that depart from a skin.
+
+    Attributes
+    ----------
+    sign : int
+        1 inward, -1 outward.
+    window : tuple of 2 slices
+        The rows and columns of the lattice that hold it.
+    mask : ndarray, shape (rows, columns), bool
+        Its cells in the window.
+    significance : float
+        Largest departure over the noise, of all scales.
+    """
+
+    sign: int
+    window: tuple[slice, slice]
+    mask: Mask
+    significance: float
+
+
+def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDent) -> list[Place]:
+    """Places of one skin where a smoothed deviation exceeds its noise.
+
+    Gaps are filled, and are as uncertain as what fills them.
+
+    Parameters
+    ----------
+    skin : Skin
+    usable : ndarray, shape (rows, columns), bool
+        Cells to look at.
+    lattice : Lattice
+    settings : SmallestDent
+    """
+    known, gaps = usable & np.isfinite(skin.deviation), skin.gaps
+    least = settings.smallest_depth
+    significant = skin.noise.significant(RATE)
+    evidence, height = np.zeros((2, *known.shape), np.float32), np.zeros(known.shape, np.float32)
+    base = np.full(known.shape, np.inf)
+    for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
+        wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(TENTH * scale)
+        spread = np.hypot(skin.noise.after(scale), np.float32(wavy))
+        unsure = spread
+        if gaps.any():
+            smooth = smoothed(skin.bridged, known | gaps, lattice.cells(scale))
+            unsure = np.hypot(spread, smoothed(skin.doubt, known | gaps, lattice.cells(scale)))
+        smooth = np.where(known | gaps, np.nan_to_num(smooth), np.float32(0))
+        ratio = smooth / unsure
+        for side, sign in enumerate((1, -1)):
+            deep = sign * smooth > LEAST * least
+            np.maximum(evidence[side], sign * ratio, out=evidence[side], where=deep)
+        if np.median(base[known]) > least / significant:
+            base, height = spread, smooth
+    found = []
+    for side, sign in enumerate((1, -1)):
+        above = sign * height > np.maximum(_EDGE * base, _LEAST_EDGE * least)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(above.view(np.uint8))
+        for index in np.unique(labels[(evidence[side] >= significant) & above]):
+            left, top, width, rows, _ = stats[index]
+            window = slice(top, top + rows), slice(left, left + width)
+            mask = labels[window] == index
+            found.append(Place(sign, window, mask, float(evidence[side][window][mask].max())))
+    return found

@@ -1,0 +1,78 @@
+"""What a place that departs from the skin is: the rules.
+
+In this order, with sizes on the contour at 10 % of the depth:
+
+- *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
+  as where a wing's root meets the fuselage; or the rim of the measured area, or a gap, cuts it.
+- *bump*: outward.
+- *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
+  the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid
+  1.1), or it is so narrow that the reconstruction cannot show whether it is. Repair manuals treat
+  a crease as a crack.
+- *dent*: all else that is inward, whole, and as wide as the smallest dent.
+- nothing: what is narrower than the smallest dent, surely, and no crease: a rivet, a scratch.
+"""
+
+from __future__ import annotations
+
+from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
+from ftp_dent_ros.inspection.measuring.outline import CUT
+from ftp_dent_ros.inspection.measuring.sizes import Sizes
+
+#: Longer than so many widths is long: a valley, not a round dent.
+LONG = 1.8
+#: What is deeper than this part of its width is no dented skin: metal folds at a twelfth, and the
+# steepest crease of the simulation, at a quarter of its axis, has 0.26.
+STEEP = 0.3
+_SHARP = 0.33
+# A valley narrower than so many wavelengths of which half is left may be sharp.
+_UNRESOLVED = 3.0
+#: Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only.
+AT_RIM = 4.0
+# Part of a depth that must be measured, and of a dent that is not, for its bottom to be seen.
+_BOTTOM, _MOST = 0.9, 0.5
+
+
+def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) -> tuple[str, str]:
+    """Kind, and the reason where it is in doubt; an empty kind is too small to list.
+
+    Parameters
+    ----------
+    sizes : Sizes
+    sign : int
+        1 inward, -1 outward.
+    resolution : float
+        Wavelength of which half is left, metres; NaN if it is not known.
+    settings : SmallestDent
+    """
+    depth, width = sizes.depth.value, sizes.width.value
+    narrow = width < settings.smallest_width
+    surely = width + COVERAGE * sizes.width.uncertainty < settings.smallest_width
+    long = min(sizes.length.value / width, sizes.slender) > LONG
+    short = sizes.length.value < settings.smallest_width
+    if depth < settings.smallest_depth or short or (surely and (not long or sizes.outline.is_cut)):
+        return '', ''
+    if depth > STEEP * max(width, settings.smallest_width):
+        return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
+    if sizes.hidden > _MOST or (sizes.hidden > CUT and sizes.shown < _BOTTOM * depth):
+        return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
+    if sizes.outline.is_cut and depth < AT_RIM * settings.smallest_depth:
+        return 'other', 'is cut by the rim of what is measured, where the skin is not known'
+    is_cut = sizes.outline.is_cut or sizes.hidden > CUT
+    # Of a Gaussian 0.48, of a paraboloid 1.1.
+    bluntness = 8 * depth * sizes.radius / width**2
+    unresolved = width < _UNRESOLVED * resolution and bluntness < 1
+    if sign > 0 and long and not is_cut and unresolved and bluntness >= _SHARP:
+        return 'crease', 'too narrow to see how sharp it is'
+    if not depth > COVERAGE * sizes.depth.uncertainty:
+        unsure = 1e3 * sizes.depth.uncertainty
+        return 'other', f'the cloud is not sure of the surface here ({unsure:.2f} mm)'
+    if sign < 0:
+        return ('other', 'a narrow ridge') if narrow else ('bump', '')
+    if long and bluntness < _SHARP:
+        return 'crease', ''
+    if surely:
+        return 'other', 'narrower than the smallest dent'
+    if sizes.hidden > CUT:
+        return 'dent', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
+    return 'dent', 'may be narrower than the smallest dent' if narrow else ''

@@ -1,1 +1,0 @@
-"""A dent on its patch: its bottom, its outline, what was smoothed away of it."""

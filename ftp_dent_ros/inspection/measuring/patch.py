@@ -1,0 +1,302 @@
+"""The deviation around one place, on a grid as fine as its size asks for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ftp_dent_ros.inspection.measuring.detection import Place
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.moments import Moments
+from ftp_dent_ros.inspection.measuring.noise import SURE, median_of
+from ftp_dent_ros.inspection.measuring.skin import Skin
+
+# Of a place's window, as a part of its size, and in cells of the lattice.
+_MARGIN, _CELLS = 0.45, 5
+# Cells of a patch across a place, and of its window at most.
+_ACROSS, _MOST = 32, 40_000
+# Cells that show how places follow the grid.
+_FITTED = 500
+# Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
+_WIDEST = 0.15
+# Points on a dent stray so many times as much as those of bare skin: windows of fringes lean on
+# its slopes. Measured at rims (1.2 to 1.5).
+_SLOPES = 1.35
+# Points of a cloud that does not state its resolution show waves of so many spacings by half.
+_SUPPOSED = 4.0
+#: Fits in Gaussian windows, each of which corrects the ones before, that a cloud comes from if it
+# states its resolution: of a wave they leave out (1 - G)^fits.
+FITS = 4
+#: Of what is put back: how far resolutions are off, as a part of it.
+DOUBT = 0.7
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Depths around a place; maps of shape (rows, columns).
+
+    Attributes
+    ----------
+    x, y : ndarray
+        Feet of the cells on the contour, metres.
+    depth : ndarray
+        In the direction of the place, smoothed, metres.
+    doubt : ndarray
+        Standard uncertainty of what was put back or filled, metres.
+    noise : ndarray
+        Standard deviation of the noise before it was smoothed, metres.
+    passed : ndarray, shape (rows, columns // 2 + 1)
+        Of each frequency of white noise (rfft2), as it is correlated, smoothed, and raised again
+        by what was put back.
+    known, over : ndarray of bool
+        Where there are depths, and where they are filled.
+    own : ndarray of bool
+        Cells of the place.
+    step : tuple of 2 floats
+        Between columns and between rows, metres.
+    resolution : float
+        Wavelength of which half is left, metres; NaN if it is not known.
+    """
+
+    x: Map
+    y: Map
+    depth: Map
+    doubt: Map
+    noise: Map
+    passed: Map
+    known: Mask
+    over: Mask
+    own: Mask
+    step: tuple[float, float]
+    resolution: float
+
+    def at(self, values: NDArray, columns: Map, rows: Map, how: int = cv2.INTER_CUBIC) -> Map:
+        """Values at fractions of cells, 0 beyond the frame; of up to 2 dimensions."""
+        x, y = np.atleast_2d(np.float32(columns)), np.atleast_2d(np.float32(rows))
+        found = cv2.remap(np.float32(values), x, y, how, borderMode=cv2.BORDER_CONSTANT)
+        return found.astype(float).reshape(np.shape(columns))
+
+    def along(self, x: float, y: float, angle: float, distances: Map) -> tuple[Map, Mask]:
+        """Depths at distances from a place, at an angle from x; and where they are measured."""
+        out_x, out_y = x + distances * math.cos(angle), y + distances * math.sin(angle)
+        at = np.stack([np.ones_like(distances), out_x, out_y], axis=1)
+        columns, rows = (at @ self._to_cells).T
+        measured = self.at(self.known & ~self.over, columns, rows, cv2.INTER_NEAREST) > 0.5
+        return self.at(self.depth, columns, rows), measured
+
+    @cached_property
+    def _to_cells(self) -> Map:
+        """From 1, x and y to columns and rows, shape (3, 2)."""
+        every = max(1, self.x.size // _FITTED)
+        rows, columns = np.divmod(np.arange(0, self.x.size, every), self.x.shape[1])
+        at = rows, columns
+        terms = np.stack([np.ones(len(rows)), self.x[at], self.y[at]], axis=1)
+        return np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
+
+    @cached_property
+    def strays(self) -> Map:
+        """Standard deviation of the depths by noise, metres."""
+        weight = np.full(self.passed.shape[1], 2.0)
+        weight[0] = 1.0
+        return self.noise * math.sqrt((np.square(self.passed) @ weight).sum() / self.depth.size)
+
+    def with_noise(self, rng: np.random.Generator, offset: float) -> Patch:
+        """The patch as it may have been measured as well.
+
+        With other noise, another share of what is in doubt, and a skin that is off by `offset`
+        metres.
+        """
+        white = scipy.fft.rfft2(rng.standard_normal(self.depth.shape))
+        drawn = self.noise * scipy.fft.irfft2(white * self.passed, self.depth.shape)
+        return replace(
+            self, depth=self.depth + drawn + rng.standard_normal() * self.doubt + offset
+        )
+
+
+def patch_of(place: Place, skin: Skin, part: Mask, lattice: Lattice) -> Patch:
+    """Depths around a place, smoothed as its noise demands and its size allows.
+
+    Parameters
+    ----------
+    place : Place
+    skin : Skin
+    part : ndarray, shape (rows, columns), bool
+        The skin's cells of the lattice, without those at seams.
+    lattice : Lattice
+    """
+    block, spacing = lattice.block, max(lattice.spacing)
+    size = max(place.mask.shape)
+    margin = int(_MARGIN * size) + _CELLS
+    cells = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in place.window)
+    own = np.zeros(part.shape, bool)
+    own[place.window] = place.mask
+    width = max(Moments.of(place.mask).ellipse(*lattice.spacing)[1], spacing)
+    pixels = tuple(slice(s.start * block, s.stop * block) for s in cells)
+    points = lattice.all_points[pixels]
+    shape = points.shape[:2]
+
+    def spread(values: NDArray, how: int = cv2.INTER_NEAREST) -> NDArray:
+        """Values of the lattice's cells at the window's points."""
+        part = np.ascontiguousarray(values[cells]).view(
+            np.uint8 if values.dtype == bool else values.dtype
+        )
+        fine = cv2.resize(part, None, fx=block, fy=block, interpolation=how)
+        over = [max(n - m, 0) for n, m in zip(shape, fine.shape, strict=True)]
+        fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
+        return np.asarray(fine)[: shape[0], : shape[1]]
+
+    known = lattice.measured[pixels] & (spread(part) > 0)
+    x, y, depth = skin.contour.deviation(points)
+    if skin.relief is not None:
+        depth = depth - spread(skin.relief.heights, cv2.INTER_LINEAR)
+    zoom = min(_ACROSS * spacing / block / width, math.sqrt(_MOST / known.size))
+    maps = np.stack([x, y, place.sign * depth, spread(skin.noise.stated)], axis=-1)
+    (x, y, depth, stated), known = _resized(maps, known, zoom)
+    step = lattice.spacing[0] / block / zoom, lattice.spacing[1] / block / zoom
+    finest = 0.7 * max(spacing / block, *step)
+    usual = median_of(stated[known]) if known.any() else 0.0
+    high = float(np.max(depth, initial=0.0, where=known))
+    drowned = SURE * float(skin.noise.after(finest, usual)) / max(high, 1e-9)
+    scale = max(finest, _WIDEST * width * min(drowned, 1.0))
+    sigma = scale / step[0], scale / step[1]
+    depth = depth - _taken(depth, known, sigma, 2)
+    resolution = math.nan
+    if lattice.resolution is not None:
+        resolution = median_of(lattice.resolution[own])
+    depth, doubt = _restored(depth, known, resolution, _SUPPOSED * spacing / block, step)
+    bridged, unsure, gaps = (
+        np.asarray(cv2.resize(spread(each, cv2.INTER_LINEAR), known.shape[::-1]))
+        for each in (skin.bridged, skin.doubt, np.float32(skin.gaps))
+    )
+    over = (gaps > 0) & ~known
+    depth = np.where(over, place.sign * bridged, depth)
+    unsure = np.where(over, unsure, 0.0)
+    owned = np.asarray(cv2.resize(spread(own), known.shape[::-1], interpolation=cv2.INTER_NEAREST))
+    # What the cloud doubts beyond the noise beside the place is alike all over it.
+    beside = stated[known & (owned == 0)]
+    usual = np.float32(median_of(beside)) if len(beside) else usual
+    beyond = np.sqrt(np.maximum(stated * stated - usual * usual, 0))
+    noise = np.float32(_SLOPES) * skin.noise.after(0.0, np.minimum(stated, usual))
+    return Patch(
+        x,
+        y,
+        np.where(known | over, depth, 0.0),
+        np.sqrt(doubt**2 + unsure**2 + beyond**2),
+        noise,
+        _passed(known.shape, step, skin.noise.reach, scale, resolution),
+        known | over,
+        over,
+        owned > 0,
+        step,
+        resolution,
+    )
+
+
+def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
+    """Maps, shape (rows, columns, n), on another grid; where they are not known they go on."""
+    rows, columns = known.shape
+    size = max(2, round(zoom * columns)), max(2, round(zoom * rows))
+    weight = known.astype(np.float32)
+    if zoom < 1:
+        share = np.asarray(cv2.resize(weight, size, interpolation=cv2.INTER_AREA))
+        total = cv2.resize(
+            np.float32(maps * weight[..., None]), size, interpolation=cv2.INTER_AREA
+        )
+        found, known = total / np.maximum(share, 1e-6)[..., None], share > 0.5
+    else:
+        nearest = np.float32(_nearest(maps, known))
+        found = np.asarray(cv2.resize(nearest, size, interpolation=cv2.INTER_CUBIC))
+        share = cv2.resize(weight, size, interpolation=cv2.INTER_LINEAR)
+        known = np.asarray(share) > 0.5
+    x, y, *others = (found[..., k].astype(float) for k in range(found.shape[-1]))
+    if not known.all():
+        v, u = np.mgrid[: size[1], : size[0]] / max(size)
+        terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+        some = np.flatnonzero(known)
+        some = some[:: 1 + len(some) // _FITTED]
+        for places in (x, y):
+            fit = np.linalg.lstsq(terms.reshape(-1, 6)[some], places.ravel()[some], rcond=None)[0]
+            places[~known] = terms[~known] @ fit
+    return [x, y, *others], known
+
+
+def _nearest(values: NDArray, known: Mask) -> NDArray:
+    """Values, where they are not known those of the nearest that are."""
+    if known.all() or not known.any():
+        return values
+    at = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return values[tuple(at)]
+
+
+def _mean(values: Map, known: Mask, sigma: tuple[float, float]) -> Map:
+    """Gaussian mean of what is known; as it is where the windows hold nothing."""
+    both = np.dstack([np.where(known, values, 0.0), known])
+    size = [2 * math.ceil(3 * each) + 1 for each in sigma]
+    total, weight = cv2.split(
+        cv2.GaussianBlur(both, size, sigma[0], sigmaY=sigma[1], borderType=cv2.BORDER_CONSTANT)
+    )
+    return np.where(known, total / np.maximum(weight, 1e-6), values)
+
+
+def _taken(values: Map, known: Mask, sigma: tuple[float, float], fits: int) -> Map:
+    """What some fits in Gaussian windows, each of which corrects the ones before, leave out."""
+    for _ in range(fits):
+        values = values - _mean(values, known, sigma)
+    return np.where(known, values, 0.0)
+
+
+def _restored(
+    depth: Map, known: Mask, resolution: float, supposed: float, step: tuple[float, float]
+) -> tuple[Map, Map]:
+    """Depths with what the reconstruction smoothed away, and how far that is in doubt.
+
+    What the windows leave out of the surface as it is was left out of it before, but for what is
+    finer; the same of that again is the next order, and bounds the rest (the Neumann series of
+    the inverse; van Cittert, Z. Phys. 69, 298, 1931). Of a resolution that is not known nothing
+    is put back, but what one Gaussian would ask for is in doubt.
+    """
+    is_stated = math.isfinite(resolution)
+    fits = FITS if is_stated else 1
+    wide = (resolution if is_stated else supposed) / halved(fits)
+    sigma = wide / step[0], wide / step[1]
+
+    first = _taken(depth, known, sigma, fits)
+    if not is_stated:
+        return depth, np.abs(first)
+    second = _taken(first, known, sigma, fits)
+    return depth + first + second, np.hypot(DOUBT * first, second)
+
+
+def halved(fits: int) -> float:
+    """Wavelength of which half is left by some fits, in standard deviations of the Gaussians."""
+    return math.pi * math.sqrt(2 / -math.log(1 - 0.5 ** (1 / fits)))
+
+
+def _passed(
+    shape: tuple[int, ...],
+    step: tuple[float, float],
+    reach: float,
+    scale: float,
+    resolution: float,
+) -> Map:
+    """Of each frequency of white noise what passes: correlated, smoothed, and raised again."""
+    down = 2 * math.pi * scipy.fft.fftfreq(shape[0], step[1])[:, None]
+    across = 2 * math.pi * scipy.fft.rfftfreq(shape[1], step[0])
+    square = (down * down + across * across) / 2
+    correlated = np.exp(-square * reach**2)
+    correlated *= 2 * reach * math.sqrt(math.pi / (step[0] * step[1]))
+    smooth = 1 - np.square(1 - np.exp(-square * scale**2))
+    taken = np.zeros_like(square)
+    if math.isfinite(resolution):
+        taken = (1 - np.exp(-square * (resolution / halved(FITS)) ** 2)) ** FITS
+    return correlated * smooth * (1 + taken + taken * taken)

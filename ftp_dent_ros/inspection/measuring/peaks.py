@@ -1,0 +1,69 @@
+"""The dents of one place: its maxima, and which cells are each one's."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ftp_dent_ros.inspection.measuring.noise import SURE
+from ftp_dent_ros.inspection.measuring.outline import part_above
+from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
+from ftp_dent_ros.inspection.measuring.segmentation import nearest
+
+# Part of its height by which the saddle to a deeper maximum lies lower.
+_DROP = 0.12
+_LEVELS, _MOST = 32, 40
+
+
+def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
+    """Rows and columns of the maxima that stand out from their saddles, the deepest first.
+
+    Parameters
+    ----------
+    patch : Patch
+    least : float
+        Depth that a maximum has at least, metres.
+    """
+    values = np.where(patch.known, patch.depth, 0.0).astype(np.float32)
+    unsure = np.hypot(patch.strays, patch.doubt)
+    top = cv2.dilate(values, np.ones((5, 5), np.uint8))
+    at = np.argwhere((values == top) & patch.own & (values > least))
+    order = np.argsort(-values[tuple(at.T)], kind='stable')[:_MOST]
+    at, heights = at[order], values[tuple(at[order].T)]
+    if len(at) < 2:
+        return [(int(row), int(column)) for row, column in at]
+    saddles = np.zeros((len(at), len(at)))
+    step = float(heights[0]) / _LEVELS
+    for level in step * np.arange(_LEVELS):
+        _, labels = cv2.connectedComponents((values > level).view(np.uint8))
+        place = labels[tuple(at.T)]
+        saddles[(place[:, None] == place) & (place > 0)] = level
+    kept = [0]
+    for index in range(1, len(at)):
+        fall = heights[index] - saddles[index, kept].max() - step
+        if fall > max(_DROP * heights[index], SURE * unsure[tuple(at[index])]):
+            kept.append(index)
+    return [(int(row), int(column)) for row, column in at[kept]]
+
+
+def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Mask | None]:
+    """Cells of each peak, parted where water would part; None of those that stand alone.
+
+    Parameters
+    ----------
+    patch : Patch
+    peaks : list of (int, int)
+        Rows and columns.
+    level : float
+        Part of its depth above which a dent is connected with another, or stands alone.
+    """
+    if len(peaks) < 2:
+        return [None] * len(peaks)
+    around = [part_above(patch, peak, level * patch.depth[peak], None) for peak in peaks]
+    alone = [sum(bool(part[other]) for other in peaks) < 2 for part in around]
+    found = np.full(patch.depth.shape, -1, np.int32)
+    found[tuple(np.array(peaks).T)] = np.arange(len(peaks))
+    for level in np.linspace(float(patch.depth.max()), 0.0, _LEVELS):
+        reached = patch.known & (patch.depth >= level) & (found < 0)
+        found = np.where(reached, nearest(found), found)
+    return [None if each else found == index for index, each in enumerate(alone)]

@@ -1,1 +1,0 @@
-"""Where the skin departs from its contour, how surely, and as what."""

@@ -1,0 +1,162 @@
+"""A skin as it was before its dents: its contour, its waviness, and the noise about them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ftp_dent_ros.dents.dent import SmallestDent
+from ftp_dent_ros.inspection.measuring.contour import Contour, refined
+from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.noise import (
+    SURE,
+    Map,
+    Mask,
+    Noise,
+    measured_noise,
+    smoothed,
+)
+from ftp_dent_ros.inspection.measuring.segmentation import Segment
+from ftp_dent_ros.inspection.measuring.waviness import Relief, relief_of
+from ftp_dent_ros.robust import deviation as spread_of
+
+# Gaussians that dents are looked for with, in smallest widths at 10 % of the depth: a fifth is a
+# half narrower than the smallest dent's own, and one is four times as wide.
+_SCALES = 0.2, 0.5, 1.0
+# Standard deviations of the rest of what may be a dent.
+_EDGE = 2.0
+# Smallest widths about a dent within which its edge runs out.
+_AROUND = 1.5
+# Of the relief: of all of the skin with weights alone, then with what they found left out.
+_PASSES = 2
+# Squares that a contour is fitted to.
+_FEWEST = 30
+# Waviness is evident where means over the smallest width stray nearly as much as single cells,
+# and matters from this part of the smallest depth on.
+_SLOW, _MATTERS = 0.6, 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A segment as it was before its dents.
+
+    Attributes
+    ----------
+    contour : Contour
+    relief : Relief or None
+        Waviness, to be added to the contour.
+    noise : Noise
+        About both.
+    deviation : ndarray, shape (rows, columns), float32
+        Depths below both, metres; NaN elsewhere.
+    maps : list of ndarray, shape (rows, columns), float32
+        The same, smoothed at the noise's scales but for the first, 0.
+    bridged, doubt : ndarray, shape (rows, columns), float32
+        The same with what lies over gaps, and how far that is in doubt; 0 elsewhere.
+    gaps : ndarray, shape (rows, columns), bool
+    """
+
+    contour: Contour
+    relief: Relief | None
+    noise: Noise
+    deviation: Map
+    maps: list[Map]
+    bridged: Map
+    doubt: Map
+    gaps: Mask
+
+    def uncertainty(self, x: float, y: float, width: float) -> float:
+        """Standard uncertainty of the skin under the middle of a dent, metres."""
+        wavy = 0.0 if self.relief is None else self.relief.uncertainty(width)
+        return math.hypot(self.contour.uncertainty(x, y), wavy)
+
+
+def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDent) -> Skin:
+    """The contour of a segment, its waviness, the noise about them, and what departs from them."""
+    usable = part.mask & ~seams
+    skin = _skin(lattice, part, part.contour, None, usable, settings)
+    bare = usable
+    if part.is_met:
+        near = np.abs(skin.deviation) < part.tolerance
+        skin = _skin(lattice, part, part.contour, None, usable & near, settings)
+        bare = usable & ~_off(skin, lattice, settings)
+    contour = _fitted(part, lattice, bare, settings)
+    skin = _skin(lattice, part, contour, None, bare, settings)
+    slow, fast = skin.noise.common[-1], skin.noise.common[0]
+    # Where no contour is met, what is wide is as likely the skin's own shape as a dent.
+    if not part.is_met or slow > max(_SLOW * fast, _MATTERS * settings.smallest_depth):
+        # Crests of waves stray from the contour as dents do: weights keep them in the relief.
+        bare, about = usable, skin.deviation
+        for _ in range(_PASSES):
+            known = bare & np.isfinite(about)
+            relief = relief_of(about, known, lattice, settings.smallest_width)
+            if relief is None:
+                break
+            skin = _skin(lattice, part, contour, relief, bare, settings)
+            bare = usable & ~_off(skin, lattice, settings)
+    known = usable & np.isfinite(skin.deviation)
+    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
+    depth = np.where(known, skin.deviation, np.float32(0))
+    bridged, doubt, gaps = filled(depth, known, reach)
+    return replace(skin, bridged=bridged, doubt=doubt, gaps=gaps)
+
+
+def _skin(
+    lattice: Lattice,
+    part: Segment,
+    contour: Contour,
+    relief: Relief | None,
+    bare: Mask,
+    settings: SmallestDent,
+) -> Skin:
+    """What departs from a contour and a relief, and the noise of what is bare."""
+    scales = tuple(settings.smallest_width * share for share in _SCALES)
+    known = part.mask & lattice.valid
+    deviation = contour.depth(lattice.points)
+    deviation = deviation if relief is None else deviation - relief.heights
+    deviation = np.where(known, deviation, np.float32(np.nan))
+    maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
+    noise = measured_noise(deviation, maps, bare, lattice, scales)
+    nothing = np.zeros_like(deviation)
+    return Skin(contour, relief, noise, deviation, maps, nothing, nothing, ~known & known)
+
+
+def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
+    """Surroundings of what is deep enough to be a dent, as far as it strays from the skin."""
+    strays, deep = (np.zeros(skin.deviation.shape, bool) for _ in range(2))
+    lacks = 0.0 if skin.relief is None else skin.relief.lacks
+    for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
+        spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth) - lacks)
+        strays |= off > np.maximum(_EDGE * spread, settings.smallest_depth / 50)
+        deep |= off > np.maximum(SURE * spread, settings.smallest_depth / 4)
+    wide = 2 * round(_AROUND * settings.smallest_width / max(lattice.spacing)) + 1
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
+    return strays & (cv2.dilate(deep.view(np.uint8), around) > 0)
+
+
+def _fitted(part: Segment, lattice: Lattice, bare: Mask, settings: SmallestDent) -> Contour:
+    """The contour through the bare skin; as it is, within its tolerance, where that is little."""
+    contour, points = part.contour, _squares(lattice, bare, settings)
+    if len(points) < _FEWEST:
+        covariance = np.zeros((6, 6))
+        covariance[0, 0] = (part.tolerance / contour.scale) ** 2
+        return replace(contour, covariance=covariance)
+    noise = max(spread_of(contour.depth(points)), 1e-6)
+    return refined(contour, points, noise)
+
+
+def _squares(lattice: Lattice, bare: Mask, settings: SmallestDent) -> NDArray[np.float32]:
+    """Means of the bare points in squares as wide as the smallest dent, shape (n, 3)."""
+    rows, columns = bare.shape
+    across, down = lattice.cells(settings.smallest_width)
+    size = max(2, columns // max(1, round(across))), max(2, rows // max(1, round(down)))
+    share = cv2.resize(bare.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    kept = cv2.copyTo(lattice.points, bare.view(np.uint8))
+    total = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
+    enough = share > 0.35
+    return np.asarray(total[enough] / share[enough][:, None], np.float32)
