@@ -21,7 +21,7 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 # Of a place's window, as a part of its size, and in cells of the lattice.
 _MARGIN, _CELLS = 0.45, 5
 # Cells of a patch across a place, and of its window at most.
-_ACROSS, _MOST = 24, 20_000
+_ACROSS, _MOST = 32, 40_000
 # Cells that show how places follow the grid.
 _FITTED = 500
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
