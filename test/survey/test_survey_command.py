@@ -7,58 +7,16 @@ import json
 import cv2
 import numpy as np
 import pytest
-from bag_samples import (
-    CLOUD,
-    DIAGNOSTICS,
-    IMAGE,
-    LOCATED,
-    SECOND,
-    cloud_message,
-    data_of,
-    diagnostics,
-    image,
-    located,
-    place,
-    topic,
-)
-from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
+from bag_samples import SECOND
+from flown_skin import COLUMNS, ROWS, SPACING, FlownSkin, erring
+from flown_surveys import START_NS, record
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.topic import Message
-from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.store import SurveyStore
 from ftp_dent_ros.survey.unrolled import Unrolled
-
-TYPES = {'/skin': IMAGE, '/points': CLOUD, '/tagged/camera_pose': LOCATED}
-HALF_S = 500_000_000
-START_NS = 1_760_000_000 * SECOND
-
-
-def contents(cloud, pose, stamp_ns, rows):
-    eye = 'camera_optical_frame'
-    yield '/skin', data_of(image(stamp_ns, eye, cloud.skin[:rows], 'mono8'), IMAGE)
-    yield '/points', data_of(cloud_message(stamp_ns, eye, cloud), CLOUD)
-    if pose is not None:
-        there = place(pose.translation, pose.quaternion)
-        yield '/tagged/camera_pose', located(stamp_ns, there, STATED)
-
-
-def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig='', rows=ROWS):
-    with BagWriter(folder) as writer:
-        if rig:
-            writer.add_topic(DIAGNOSTICS)
-            writer.write([diagnostics(0, rig=rig)])
-        for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
-            stamp = start_ns + index * HALF_S
-            for name, data in contents(skin.seen(pose, index), said, stamp, rows):
-                if name not in without:
-                    writer.add_topic(topic(name, TYPES[name]))
-                    writer.write([Message(name, TYPES[name], stamp, stamp, data)])
-    return folder
-
 
 @pytest.fixture(scope='module')
 def skin():
