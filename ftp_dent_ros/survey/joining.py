@@ -76,17 +76,22 @@ class Joining:
         Raises
         ------
         CloudError
-            The cloud has too few points.
+            The cloud has too few points, or they are no skin.
         """
+        # What cannot be joined changes nothing.
         patch = patch_of(cloud)
+        size = float(np.ptp(patch.samples.heights[:, :2], axis=0).min())
+        footprint = Footprint.of(cloud, patch.frame)
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
+        if pose is not None:
+            self._lay_before(guess)
         stated = (guess, None) if pose is None else (pose, covariance)
         self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
-        self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
-        self.footprints.append(Footprint.of(cloud, patch.frame))
+        self._sizes.append(size)
+        self.footprints.append(footprint)
         self._kept[number] = lambda: patch
         before = [number - back for back in _BACK if number >= back]
         for other in before:
@@ -106,6 +111,35 @@ class Joining:
         self._kept.clear()
         self.graph.solve()
         self.remarks += self.contradicting().values()
+
+    def parts(self) -> list[Joining]:
+        """What something ties, each by itself, the part of most clouds first.
+
+        Clouds are tied by what they share; and those of a flight that have poses, by these.
+        """
+        graph = self.graph
+        last: dict[int, int] = {}
+        chain = []
+        for number, node in enumerate(graph.nodes):
+            if node.covariance is not None:
+                chain.append((last.get(node.flight, number), number))
+                last[node.flight] = number
+        found = np.array(graph.groups(chain))
+        return [
+            self._part(np.flatnonzero(found == part).tolist())
+            for part in np.argsort(-np.bincount(found), kind='stable')
+        ]
+
+    def _part(self, numbers: list[int]) -> Joining:
+        """Some of the clouds, numbered anew."""
+        part, stamps = Joining(), list(self.numbers)
+        part.graph = self.graph.part(numbers, with_left_out=True)
+        part.numbers = {stamps[number]: index for index, number in enumerate(numbers)}
+        part.footprints = [self.footprints[number] for number in numbers]
+        if any(node.covariance is not None for node in part.graph.nodes):
+            part.frame_id = self.frame_id
+        part.remarks = list(self.remarks)
+        return part
 
     def contradicting(self) -> dict[int, str]:
         """Which pairs are left out at the moment, by their number."""
@@ -147,6 +181,14 @@ class Joining:
             return there @ (graph.poses[-2:][0].inverse() @ there)
         is_told = last.covariance is not None and last.flight == flight
         return there @ last.stated.inverse() @ stated if is_told else stated
+
+    def _lay_before(self, pose: Pose) -> None:
+        """Guess that the last clouds, if nothing has placed them, lie where the next one does."""
+        graph, placed = self.graph, [n.covariance is not None for n in self.graph.nodes]
+        start = len(placed) - placed[::-1].index(True) if True in placed else 0
+        links = graph.links[graph.first_link(start) :]
+        if start < len(placed) and all(link.first >= start for link in links):
+            graph.carry(start, pose @ graph.poses[-1].inverse())
 
     def _join(self, first: int, second: int) -> None:
         """Lay a cloud on an earlier one, of the same pass or another."""

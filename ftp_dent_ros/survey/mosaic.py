@@ -16,6 +16,8 @@ from ftp_dent_ros.survey.unrolled import CELL, Gap, Unrolled, find_gaps
 #: Pixels a side of a cell, and the side of a pixel, metres.
 PIXELS_A_CELL = 5
 PIXEL = CELL / PIXELS_A_CELL
+# Of a cell that no group has claimed.
+_FREE = -1
 
 
 class Mosaic(Raster):
@@ -46,24 +48,31 @@ class Mosaic(Raster):
         )
         self._points = np.zeros((*self.shape, 3), np.float32)
         self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
+        # Of each cell the group of clouds that is drawn there.
+        self._owner = np.full(np.array(self.shape) // PIXELS_A_CELL, _FREE)
+
+    def claim(self, places: NDArray, group: int) -> None:
+        """Have one group of clouds alone drawn at places of shape (n, 2 or more)."""
+        column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
+        self._owner[row, column] = group
 
     def add(
-        self,
-        cloud: Cloud,
-        pose: Pose,
-        found: Inspection | None,
+        self, cloud: Cloud, pose: Pose, found: Inspection | None, group: int = _FREE
     ) -> None:
         """Another cloud, in its camera's frame, and its inspection.
 
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
-        where the points do, and clouds with fewer points than pixels leave no holes.
+        where the points do, and clouds with fewer points than pixels leave no holes. What another
+        group has claimed is not.
         """
         laid = self.laid(cloud, pose, cloud.valid)
         if laid is None:
             return
         _, window, u, v = laid
         points = remap(cloud.points, u, v, cv2.INTER_NEAREST)
-        seen = np.isfinite(points[..., 0])
+        at = (np.arange(each.start, each.stop) // PIXELS_A_CELL for each in window)
+        owner = self._owner[np.ix_(*at)]
+        seen = np.isfinite(points[..., 0]) & ((owner == group) | (owner == _FREE))
         places = pose.apply(points.astype(float)) - self.skin.origin
         self.views[window] += seen
         self._points[window] += np.where(seen[..., None], places, 0)

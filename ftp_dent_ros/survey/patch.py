@@ -21,6 +21,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.raster import Grid, cells, polynomial, remap, some_of
+from ftp_dent_ros.survey.unrolled import LARGEST
 
 # Of grey levels; 0 is no skin.
 _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
@@ -205,10 +206,16 @@ def patch_of(cloud: Cloud) -> SkinPatch:
     Raises
     ------
     CloudError
-        It has too few points.
+        It has too few points, or they are no skin that a camera saw.
     """
     valid = cloud.valid
     points = np.count_nonzero(valid)
+    # Of a cubic of rows and columns.
+    if min(valid.shape) < 4:
+        raise CloudError(
+            'the cloud is {} x {} points, not the grid of a camera: publish it as it was '
+            'measured'.format(*valid.shape)
+        )
     # That tell a plane and the way back to the cloud's grid.
     if points < 500:
         raise CloudError(
@@ -226,6 +233,7 @@ def patch_of(cloud: Cloud) -> SkinPatch:
     # Of the grid, by the cloud's own spacing.
     steps = np.linalg.norm(np.diff(everywhere[:: max(1, len(everywhere) // 24)], axis=1), axis=-1)
     size = 1.5 * float(np.nanmedian(steps))
+    _check_spread(places[valid], heights[valid], size)
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
     u, v = cells(places, some, low, size, count)
@@ -235,6 +243,24 @@ def patch_of(cloud: Cloud) -> SkinPatch:
     deviation = remap(sigma.astype(np.float32, copy=False) * np.float32(1e3), u, v)
     light = remap(_LOGARITHMS[cloud.skin], u, v) if cloud.skin.any() else None
     return SkinPatch(frame, size, low, height, deviation, light)
+
+
+def _check_spread(places: Grid, heights: Grid, size: float) -> None:
+    """See that points about a tangent plane, their neighbours so far apart, are of one skin."""
+    sides, high = np.ptp(places, axis=0), float(np.ptp(heights))
+    if np.prod(sides) > LARGEST or high > max(sides):
+        raise CloudError(
+            'the cloud is spread over {:.3g} m by {:.3g} m by {:.3g} m, which is no skin: correct '
+            'its unit, metres, or its points far off'.format(*sides, high)
+        )
+    # Neighbours are so much farther apart than points are in the mean, at most: in noise they are
+    # more; and so much nearer, at least, where a thousandth of the picture is lit.
+    mean = math.sqrt(float(np.prod(sides)) / len(places))
+    if not mean / 30 < size < 6 * mean:
+        raise CloudError(
+            f'the neighbours in the cloud are {size:.2g} m apart, and its points {mean:.2g} m in '
+            'the mean: they are no skin'
+        )
 
 
 def _tangent(points: NDArray[np.float64]) -> Pose:

@@ -102,6 +102,13 @@ class PoseGraph:
         self.nodes.append(node)
         self.poses.append(guess)
 
+    def carry(self, start: int, move: Pose) -> None:
+        """Move the poses from a number on, that are guesses alone."""
+        for number in range(start, len(self.nodes)):
+            pose = move @ self.poses[number]
+            self.nodes[number] = replace(self.nodes[number], stated=pose)
+            self._put(number, pose)
+
     def link(self, first: int, second: int, relative: RelativePose) -> None:
         """Another relative pose; the second cloud is the newer one."""
         self.links.append(PairLink(first, second, relative))
@@ -116,19 +123,20 @@ class PoseGraph:
         """Number of the first link to a pose or a newer one."""
         return bisect_left(self.links, number, key=lambda link: link.second)
 
-    def part(self, numbers: Sequence[int]) -> PoseGraph:
+    def part(self, numbers: Sequence[int], with_left_out: bool = False) -> PoseGraph:
         """Some of the poses, in rising order, and what joins them, without all others.
 
         What the autopilot says of two says the same of them whether poses lie between or not.
         """
         place = {number: index for index, number in enumerate(numbers)}
-        left_out = self.left_out
+        left_out = set() if with_left_out else self.left_out
         some = PoseGraph()
         for number in numbers:
             some.add(self.nodes[number], self.poses[number])
         for index in range(self.first_link(numbers[0]), len(self.links)):
             link = self.links[index]
             if link.first in place and link.second in place and index not in left_out:
+                some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
                 some.links.append(
                     replace(link, first=place[link.first], second=place[link.second])
                 )
@@ -170,14 +178,15 @@ class PoseGraph:
         misfits = terms.misfits(terms.errors(turns, places))
         self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
 
+    def _put(self, number: int, pose: Pose) -> None:
+        self.poses[number] = pose
+        self._turns[number], self._places[number] = pose.rotation.as_matrix(), pose.translation
+
     def follow(self, number: int) -> None:
         """Put the newest pose where its last link says, as far as that says anything."""
         link = self.links[-1]
         if link.relative.rank == 6:
-            pose = self.poses[link.first] @ link.relative.pose
-            self.poses[number] = pose
-            self._turns[number] = pose.rotation.as_matrix()
-            self._places[number] = pose.translation
+            self._put(number, self.poses[link.first] @ link.relative.pose)
         else:
             self.solve(fixed=number)
 
@@ -217,13 +226,16 @@ class PoseGraph:
             blocks[index] = (own + own.T) / 2
         return spread_of_shift(blocks)
 
-    def groups(self) -> list[int]:
-        """Number of the group that each pose belongs to: those that links join."""
+    def groups(self, joins: Sequence[tuple[int, int]] = ()) -> list[int]:
+        """Number of the group that each pose belongs to: those that links join, or others."""
         left_out = self.left_out
         joins = [
-            (link.first, link.second)
-            for index, link in enumerate(self.links)
-            if index not in left_out and link.relative.rank == 6
+            *joins,
+            *(
+                (link.first, link.second)
+                for index, link in enumerate(self.links)
+                if index not in left_out and link.relative.rank == 6
+            ),
         ]
         first, second = np.array(joins, int).reshape(-1, 2).T
         size = len(self.nodes)
@@ -395,11 +407,12 @@ def _stated(
     """Of each pose an earlier one, the share of its error, and the covariance of the rest."""
     terms: list[tuple[int, int, float, Array]] = []
     stated = [index for index, node in enumerate(nodes) if node.covariance is not None]
+    is_adrift = anchor is None and not stated
     last_stated = dict(zip(stated[1:], stated, strict=False))
     for index, node in enumerate(nodes[fixed:], fixed):
         last = last_stated.get(index)
         if node.covariance is None:
-            spread = _ANCHOR if index == 0 and anchor is None else _UNTOLD
+            spread = _ANCHOR if index == 0 and is_adrift else _UNTOLD
             terms.append((index, index, 0.0, spread))
         elif last is not None and nodes[last].flight == node.flight:
             keep = share_kept(nodes[last], node)

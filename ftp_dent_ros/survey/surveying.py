@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -57,7 +58,7 @@ def survey_bags(
     settings: SmallestDent,
     rig_id: str,
     progress: Callable[[], Any],
-) -> Surveyed:
+) -> list[Surveyed]:
     """Make one skin of the clouds of all bags, which show one aircraft.
 
     Parameters
@@ -71,6 +72,11 @@ def survey_bags(
     progress : callable
         Called after each cloud, three times for each.
 
+    Returns
+    -------
+    list of Surveyed
+        A survey of each part that nothing ties to the others, that of most clouds first.
+
     Raises
     ------
     BagError
@@ -78,7 +84,23 @@ def survey_bags(
     CloudError
         No cloud can be used.
     """
-    joined = join_bags(bags, progress)
+    parts = join_bags(bags, progress).parts()
+    names = [name, *(f'{name}, part {number}' for number in range(2, len(parts) + 1))]
+    return [
+        _surveyed(bags, part, each, settings, rig_id, progress)
+        for part, each in zip(parts, names, strict=True)
+    ]
+
+
+def _surveyed(
+    bags: Sequence[Bag],
+    joined: Joining,
+    name: str,
+    settings: SmallestDent,
+    rig_id: str,
+    progress: Callable[[], Any],
+) -> Surveyed:
+    """Survey of one part."""
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
     for item, outcome in skin.inspected(settings, photographs=False):
@@ -95,11 +117,11 @@ def survey_bags(
             replace(each.dent, reason=each.reason),
             _spread(joined, each.best, each.dent),
             len(each.sightings),
-            skin.relief(each.dent),
+            skin.relief(each.dent, each.best),
         )
         for each in dents.entries
     )
-    joined.remarks += [sentence(dents.glass)] if dents.glass else []
+    joined.remarks[:0] = [sentence(dents.glass)] if dents.glass else []
     result = SurveyResult(
         name=name,
         sources=tuple(str(bag.path) for bag in bags),
@@ -139,15 +161,22 @@ def join_bags(
     CloudError
         No cloud can be used, or nothing tells where a bag's skin lies.
     """
-    joining = Joining()
+    joining, unused = Joining(), Counter[str]()
     remarks, frame_id, without_covariance = joining.remarks, '', 0
+
+    def leave_out(sentence: str) -> None:
+        """Keep what tells of one cloud, and count its reason."""
+        remarks.append(sentence)
+        unused[sentence.partition(': ')[2]] += 1
+
     for flight, bag in enumerate(bags):
-        for item in bag_clouds(bag, lambda skipped: remarks.append(str(skipped)), False):
+        for item in bag_clouds(bag, leave_out, False, unplaced=True):
             if not item.in_camera:
                 raise BagError(
                     f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'
                 )
             if item.stamp_ns in joining.numbers:
+                leave_out(f'cloud at {item.stamp_ns / 1e9:.3f} s: is in another bag already')
                 continue
             covariance = item.covariance
             if item.pose is not None:
@@ -162,14 +191,16 @@ def join_bags(
             try:
                 joining.add(item.stamp_ns, item.cloud, item.pose, covariance, flight)
             except CloudError as reason:
-                remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
+                leave_out(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
             progress()
     if not joining.numbers:
-        raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
+        why = next(iter(unused), 'check the clouds')
+        raise CloudError(f'{bags[0].path}: no cloud in it can be used: {why}')
     joining.finish()
-    of_parts, clouds = _ties(joining, bags), len(joining.numbers)
+    clouds = len(joining.numbers)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     counted = (
+        *((count, f'messages or clouds are not used: {why}') for why, count in unused.items()),
         (
             unplaced,
             f'of {clouds} clouds have no pose: they are placed by what they share with the others '
@@ -183,7 +214,8 @@ def join_bags(
             'too',
         ),
     )
-    remarks += [f'{count} {text}' for count, text in counted if count] + of_parts
+    # First what is said of the whole, then cloud by cloud.
+    remarks[:0] = _ties(joining, bags) + [f'{count} {text}' for count, text in counted if count]
     joining.frame_id = frame_id or joining.frame_id
     return joining
 
@@ -208,20 +240,26 @@ def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
                 f'{bags[flight].path}: has no poses, and shares no skin with the other bags, so '
                 'that nothing tells where it lies: survey it by itself'
             )
-    sizes = np.bincount(groups)
-    if len(sizes) == 1:
-        return []
-    if not placed.any() and joining.without_skin == len(nodes):
+    parts, told = joining.parts(), []
+    if len(parts) > 1 and not placed.any() and joining.without_skin == len(nodes):
         raise CloudError(
             f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-    adrift = len(sizes) - len(np.unique(groups[placed]))
-    return [
-        f'the clouds are not one skin but {len(sizes)} parts, the largest of {sizes.max()} '
-        'clouds: only the autopilot tells how these lie to each other'
-        + (f', and {adrift} of them have no poses: they lie there by guess' if adrift else '')
-    ]
+    largest = len(parts[0].numbers)
+    if len(parts) > 1:
+        told.append(
+            f'the clouds are not one skin but {len(parts)} parts, the largest of {largest} of '
+            f'{len(nodes)} clouds: only the autopilot tells how these lie to each other, so that '
+            'each is surveyed by itself'
+        )
+    loose = len(nodes) - sum(np.bincount(part.graph.groups()).max() for part in parts)
+    if loose:
+        told.append(
+            f'{loose} of {len(nodes)} clouds are tied to the most of theirs by poses alone: what '
+            'they show is not averaged with it, and their dents lie as well as the poses do'
+        )
+    return told
 
 
 class FusedSkin:
@@ -239,22 +277,35 @@ class FusedSkin:
     def __init__(self, bags: Sequence[Bag], joined: Joining, progress: Callable[[], Any]) -> None:
         self._bags, self._joined, self._progress = bags, joined, progress
         skin, places = unrolled(joined.footprints, joined.graph.poses)
-        flat = np.concatenate(places)[:, :2].astype(float)
-        # With some room, metres.
-        extent = flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
-        self.mosaic, self._fusion = Mosaic(skin, *extent), Fusion(skin, *extent)
-        for item, pose in self._clouds(False):
-            self._fusion.add(item.cloud, pose)
+        #: Number of the group of each cloud: what is not tied is not averaged.
+        self._groups = np.array(joined.graph.groups())
+        self.mosaic, sizes = Mosaic(skin, *_extent(places)), np.bincount(self._groups)
+        # Where several groups lie, the largest is drawn.
+        for number in np.lexsort((self._groups, sizes[self._groups])):
+            self.mosaic.claim(places[number], self._groups[number])
+        self._fusions = {
+            group: Fusion(skin, *_extent([places[k] for k in np.flatnonzero(self._groups == group)]))
+            for group in np.flatnonzero(sizes > 1)
+        }
+        for item, pose, number in self._clouds(False):
+            fusion = self._fusion(number)
+            if fusion is not None:
+                fusion.add(item.cloud, pose)
             progress()
 
-    def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose]]:
-        """The clouds that were joined, each the first time that it comes, and their poses."""
-        numbers = dict(self._joined.numbers)
-        for bag in self._bags:
-            for item in bag_clouds(bag, photographs=photographs):
+    def _fusion(self, number: int) -> Fusion | None:
+        """What the clouds tell together that are tied to one; None of a cloud by itself."""
+        return self._fusions.get(self._groups[number])
+
+    def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose, int]]:
+        """The clouds that were joined, each the first time that it comes, poses and numbers."""
+        graph, numbers = self._joined.graph, dict(self._joined.numbers)
+        flights = {node.flight for node in graph.nodes}
+        for flight, bag in enumerate(self._bags):
+            for item in bag_clouds(bag, photographs=photographs) if flight in flights else ():
                 number = numbers.pop(item.stamp_ns, None)
                 if number is not None:
-                    yield item, self._joined.graph.poses[number]
+                    yield item, graph.poses[number], number
 
     def inspected(
         self, settings: SmallestDent, photographs: bool = True
@@ -266,34 +317,27 @@ class FusedSkin:
         """
         graph = self._joined.graph
         among_them = graph.covariances(anchor=len(graph.poses) // 2)
-        for item, pose in self._clouds(photographs):
-            cloud = self._fusion.fused(item.cloud, pose)
-            covariance = among_them[self._joined.numbers[item.stamp_ns]]
+        for item, pose, number in self._clouds(photographs):
+            fusion, cloud, covariance = self._fusion(number), item.cloud, among_them[number]
+            if fusion is not None:
+                cloud = fusion.fused(cloud, pose)
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
-            self.mosaic.add(cloud, pose, found)
-            if found is not None:
+            self.mosaic.add(cloud, pose, found, self._groups[number])
+            if found is not None and fusion is not None:
                 dents, others = (
-                    tuple(self._doubted(dent, pose) for dent in part)
+                    tuple(_doubted(dent, fusion.shared(pose.apply(dent.position))) for dent in part)
                     for part in (found.dents, found.others)
                 )
                 outcome = Inspected(replace(found, dents=dents, others=others))
             yield placed, outcome
             self._progress()
 
-    def _doubted(self, dent: MeasuredDent, pose: Pose) -> MeasuredDent:
-        """A dent whose depth and volume are as uncertain as what clouds may have in common."""
-        part = self._fusion.shared(pose.apply(dent.position)) / abs(dent.depth.value)
-        depth, volume = (
-            Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
-            for each in (dent.depth, dent.volume)
-        )
-        return replace(dent, depth=depth, volume=volume)
-
-    def relief(self, dent: MeasuredDent) -> DentRelief | None:
-        """The skin about a dent; None where its sizes are not known."""
-        if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
+    def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
+        """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
+        fusion = self._fusion(number)
+        if fusion is None or dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
             return None
         # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
         # and points across, at most.
@@ -304,8 +348,24 @@ class FusedSkin:
         a, b = DentRelief(spacing, empty).places()
         across = np.cross(dent.normal, dent.axis)
         plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
-        heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
+        heights = (fusion.heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
+
+
+def _extent(places: Sequence[NDArray[np.float32]]) -> tuple[NDArray, NDArray]:
+    """Least and largest x and y of clouds' places, with some room, metres."""
+    flat = np.concatenate(places)[:, :2].astype(float)
+    return flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
+
+
+def _doubted(dent: MeasuredDent, shared: float) -> MeasuredDent:
+    """A dent whose depth and volume are as uncertain as what clouds may have in common, metres."""
+    part = shared / abs(dent.depth.value)
+    depth, volume = (
+        Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
+        for each in (dent.depth, dent.volume)
+    )
+    return replace(dent, depth=depth, volume=volume)
 
 
 def report_on_skin(
@@ -317,6 +377,8 @@ def report_on_skin(
     progress: Callable[[], Any] = lambda: None,
 ) -> tuple[InspectionReport, Joining]:
     """Join a bag's clouds, inspect each with what all tell of its place, and show the whole skin.
+
+    Of several parts that nothing ties, that of most clouds.
 
     Parameters
     ----------
@@ -333,7 +395,7 @@ def report_on_skin(
     CloudError
         No cloud in it could be used.
     """
-    joined = join_bags([bag], progress)
+    joined = join_bags([bag], progress).parts()[0]
     skin = FusedSkin([bag], joined, progress)
     inspector = CloudInspector(inspect, len(joined.numbers), settings=settings)
     covered = coverages_of(bag)
