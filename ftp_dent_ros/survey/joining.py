@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 
@@ -14,8 +15,8 @@ from ftp_dent_ros.rigid import about
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
-from ftp_dent_ros.survey.pose_graph import JITTER, Node, PoseGraph, share_kept
-from ftp_dent_ros.survey.registration import UnlikePairError, register
+from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
+from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
@@ -49,6 +50,8 @@ class Joining:
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
         self._sizes: list[float] = []
         self._last_closed = self._last_slid = -1
+        # Pairs of flights that nothing has tied yet: as they may lie, if another one says the same.
+        self._maybe: list[PairLink] = []
         self.footprints: list[Footprint] = []
 
     def add(
@@ -99,6 +102,7 @@ class Joining:
                 self._join(other, number)
         for other in self._closures(number):
             self._join(other, number)
+        self._search(number)
         self.graph.update()
         self._forget(number)
         return self.graph.poses[number]
@@ -272,6 +276,64 @@ class Joining:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
         return chosen[:2]
+
+    def _search(self, number: int) -> None:
+        """Look for a cloud's skin in other flights, as far from it as their poses say that it may be.
+
+        What two pairs say alike ties the flights; what one says may be chance.
+        """
+        graph, flight = self.graph, self.graph.nodes[number].flight
+        others = [each for each in self._kept if graph.nodes[each].flight != flight]
+        if not others:
+            return
+        groups = np.array(graph.groups())
+        places = self._middles([*others, number])
+        far = np.linalg.norm(places[:-1] - places[-1], axis=1)
+        within = [
+            other
+            for index, other in enumerate(others)
+            if groups[other] != groups[number] and far[index] < self._reach(other, number)
+        ]
+        # So many a cloud, others each time.
+        every = math.ceil(len(within) / 4)
+        for other in within[number % max(every, 1) :: max(every, 1)]:
+            patches = self._kept[other](), self._kept[number]()
+            guess = graph.poses[other].inverse() @ graph.poses[number]
+            doubt = doubt_by_autopilot(graph, other, number)
+            try:
+                found = register(*patches, laid_over(*patches, guess), doubt)
+            except UnlikePairError:
+                continue
+            if not found.remark and found.rank == 6:
+                self._take(PairLink(other, number, found))
+
+    def _take(self, link: PairLink) -> None:
+        """Tie two flights by a pair, and those before it that say the same, if there are any."""
+        poses, nodes = self.graph.poses, self.graph.nodes
+        middle = self._middles([link.second])[0]
+
+        def moved(each: PairLink) -> NDArray[np.float64]:
+            back = poses[each.second].inverse()
+            return (poses[each.first] @ each.relative.pose @ back).apply(middle)
+
+        flights = {nodes[link.first].flight, nodes[link.second].flight}
+        alike = [
+            each
+            for each in self._maybe
+            if {nodes[each.first].flight, nodes[each.second].flight} == flights
+            and (each.first, each.second) != (link.first, link.second)
+            # Metres: far more than clouds of a flight err to each other, far less than is searched.
+            and np.linalg.norm(moved(each) - moved(link)) < 0.01
+        ]
+        self._maybe.append(link)
+        if alike:
+            self.graph.link(link.first, link.second, link.relative)
+
+    def _reach(self, first: int, second: int) -> float:
+        """How far from each other two clouds' middles may be told to be that see the same skin."""
+        spread = doubt_by_autopilot(self.graph, first, second)[:3, :3]
+        sizes = 0.6 * (self._sizes[first] + self._sizes[second])
+        return 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + sizes
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""

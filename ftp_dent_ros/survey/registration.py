@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
+from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import about, moved, moved_along, twist_between
@@ -124,6 +125,16 @@ def register(
         remark,
         turn @ in_common(centre, best),
     )
+
+
+def laid_over(first: SkinPatch, second: SkinPatch, guess: Pose) -> Pose:
+    """A guess of the second camera in the first one's frame, with their patches laid over another.
+
+    Of the guess the turn about the skin's normal is left.
+    """
+    turn = (first.frame.inverse() @ guess @ second.frame).rotation.as_matrix()
+    about_normal = Rotation.from_euler('z', np.arctan2(turn[1, 0], turn[0, 0]))
+    return first.frame @ Pose(about_normal, np.zeros(3)) @ second.frame.inverse()
 
 
 def _slid_information(
@@ -396,10 +407,10 @@ def candidates(
         About whose centre it may be off, and by how much.
     """
     across, centre = np.sqrt(np.diag(near.doubt)), near.centre
-    # As far as is looked for at most, metres: most of what a cloud sees.
-    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, 0.2)
-    turns = np.arange(-3, 4) * _TURN
-    turns = turns[np.abs(turns) <= max(_WITHIN * across[5], _TURN / 2)]
+    # As far as they overlap, metres.
+    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, first.pitch * max(first.height.shape))
+    steps = int(_WITHIN * across[5] / _TURN)
+    turns = np.arange(-steps, steps + 1) * _TURN
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
     found: list[tuple[float, NDArray[np.float64]]] = []
     for turn in turns:
