@@ -99,7 +99,7 @@ def _print(survey: Surveyed) -> None:
             f'length {dent.length.value * 1e3:.1f} mm, width {dent.width.value * 1e3:.1f} mm, '
             f'seen {each.sightings} times' + (f', {dent.reason}' if dent.reason else '')
         )
-    print(f'{result.coverage.area:.3f} m2 of the skin were measured')
+    print(f'{survey.mosaic.area:.3f} m2 of the skin were measured')
     for gap in survey.mosaic.gaps()[0][:_GAPS]:
         x, y = gap.place
         width, height = gap.size * 1e3

@@ -28,15 +28,15 @@ class Footprint:
         Metres.
     offsets : ndarray, shape (n, 3), float16
         Of the points from it, metres.
-    normal : ndarray, shape (3,)
-        Of the plane through the cloud, towards the camera.
+    normals : ndarray, shape (n, 3), float16
+        Of the skin at the points, towards the camera.
     share : float
         Of a cell, that a point stands for.
     """
 
     middle: NDArray[np.float64]
     offsets: NDArray[np.float16]
-    normal: NDArray[np.float64]
+    normals: NDArray[np.float16]
     share: float
 
     @classmethod
@@ -46,9 +46,20 @@ class Footprint:
         # How far apart they are, metres: so many in a cell that its rim shows.
         every = max(1, int(0.004 / spacing))
         points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
-        offsets = (points - tangent.translation).astype(np.float16)
-        normal = tangent.rotation.apply([0.0, 0.0, 1.0])
-        return cls(tangent.translation, offsets, normal, float(every * spacing / CELL) ** 2)
+        offsets, turn = points - tangent.translation, tangent.rotation.as_matrix()
+        x, y, height = (offsets @ turn).T
+        # Of the paraboloid through the points.
+        terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=-1)
+        _, along, across, xx, xy, yy = np.linalg.lstsq(terms, height, rcond=None)[0]
+        slopes = along + xx * x + xy * y, across + xy * x + yy * y
+        normals = np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=-1) @ turn.T
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        return cls(
+            tangent.translation,
+            offsets.astype(np.float16),
+            normals.astype(np.float16),
+            float(every * spacing / CELL) ** 2,
+        )
 
     def points(self, every: int = 1) -> NDArray[np.float64]:
         """Every so many-th of the points, shape (m, 3), metres."""
@@ -102,11 +113,15 @@ def unrolled(
 ) -> tuple[Unrolled, list[NDArray[np.float32]]]:
     """The skin through clouds where their cameras were, and the places of their points on it."""
     both = list(zip(poses, footprints, strict=True))
-    # Some 50 of each tell the skin's form.
-    few = [pose.apply(each.points(max(1, len(each.offsets) // 50))) for pose, each in both]
-    normals = np.stack([pose.rotation.apply(each.normal) for pose, each in both])
-    repeated = np.repeat(normals, [len(each) for each in few], axis=0)
-    skin = Unrolled.through(np.concatenate(few), repeated)
+    # Some 5000 in all tell the skin's form.
+    every = max(1, sum(len(each.offsets) for each in footprints) // 5000)
+    few = np.concatenate([pose.apply(each.points(every)) for pose, each in both])
+    normals = np.concatenate(
+        [pose.rotation.apply(each.normals[::every].astype(float)) for pose, each in both]
+    )
+    # Up in the map; of a level skin, where the pictures' up is.
+    shown = np.mean([pose.rotation.apply([0.0, -0.1, 0.0]) for pose in poses], axis=0)
+    skin = Unrolled.through(few, normals, shown + [0.0, 0.0, 1.0])
     return skin, [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
 
 

@@ -122,6 +122,11 @@ class Mosaic(Raster):
         """Mask of the cells of which half or more was measured."""
         return _by_cell(self.views > 0).mean(axis=-1) >= 0.5
 
+    @property
+    def area(self) -> float:
+        """That was measured, by its pixels, square metres."""
+        return float(np.count_nonzero(self.views)) * PIXEL**2
+
     def gaps(self) -> tuple[list[Gap], NDArray[np.bool_]]:
         """What was not measured between what was, as of `find_gaps`."""
         return find_gaps(self.measured(), self.low)

@@ -106,11 +106,12 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
             'y_axis': skin.around.tolist(),
             'normal': skin.normal.tolist(),
             'radius': skin.radius,
+            'taper': skin.taper,
         },
         'dents': [_record(each, survey, frame) for each in result.dents],
         'coverage': {
             'cell_mm': PIXEL * PIXELS_A_CELL * 1e3,
-            'area_m2': cells.area,
+            'area_m2': mosaic.area,
             'findable_mm': {'median': half * 1e3, 'p95': most * 1e3},
             'gaps': [
                 {
@@ -218,6 +219,7 @@ def _places(survey: Surveyed) -> dict[str, Any]:
         'around': skin.around.tolist(),
         'normal': skin.normal.tolist(),
         'radius': skin.radius,
+        'taper': skin.taper,
     }
 
 
@@ -252,7 +254,7 @@ def skin_of(
         'layers': _layers(mosaic, cells, gap_mask),
         'outlines': [_outline(each, mosaic) for each in dents],
         'bar': drawing.scale_bar(PIXEL, columns / count),
-        'facts': [*facts, *_coverage_facts(gaps, cells)],
+        'facts': [*facts, *_coverage_facts(gaps, cells, mosaic.area)],
         'gaps': [
             {
                 'x': f'{gap.place[0]:.3f}',
@@ -320,12 +322,14 @@ def _layers(
     return layers
 
 
-def _coverage_facts(gaps: Sequence[Gap], cells: CoverageCells) -> list[tuple[str, str]]:
+def _coverage_facts(
+    gaps: Sequence[Gap], cells: CoverageCells, area: float
+) -> list[tuple[str, str]]:
     missing = sum(gap.area for gap in gaps)
-    share = cells.area / (cells.area + missing) if cells.area else 0.0
+    share = area / (area + missing) if area else 0.0
     largest = ', the largest {:.0f} x {:.0f} mm'.format(*(gaps[0].size * 1e3)) if gaps else ''
     facts = [
-        ('Measured', f'{cells.area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
+        ('Measured', f'{area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
         ('Gaps', f'{len(gaps)}{largest}'),
     ]
     half, most = (1e3 * share for share in findable_shares(cells.findable))
