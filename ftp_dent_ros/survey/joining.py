@@ -113,7 +113,7 @@ class Joining:
         No cloud is to come: what later ones could be laid on is forgotten.
         """
         self._kept.clear()
-        self.graph.solve()
+        self.graph.settle()
         self.remarks += self.contradicting().values()
 
     def parts(self) -> list[Joining]:

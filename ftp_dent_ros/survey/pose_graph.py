@@ -17,8 +17,9 @@ from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import (
     changes,
     crossed,
@@ -73,6 +74,66 @@ def share_kept(earlier: Node, later: Node) -> float:
     return math.exp(-abs(later.seconds - earlier.seconds) / 5.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """How an autopilot's error of a flight changes: one part is constant, the other drifts.
+
+    Attributes
+    ----------
+    share : ndarray, shape (6,)
+        Of its variance, that drifts.
+    seconds : ndarray, shape (6,)
+        After which that is another one.
+    """
+
+    share: Array
+    seconds: Array
+
+    def kept(self, earlier: Node, later: Node) -> Array:
+        """Share of what drifts that is still there, shape (6,)."""
+        return np.exp(-abs(later.seconds - earlier.seconds) / self.seconds)
+
+    @classmethod
+    def of(cls, errors: Array, sigmas: Array, seconds: Array) -> Drift:
+        """The likeliest, of places and of turns, in the mean over all that may be.
+
+        Parameters
+        ----------
+        errors, sigmas : ndarray, shape (n, 6)
+            Of the poses of a flight, but for a constant that nobody knows; and what is stated.
+        seconds : ndarray, shape (n,)
+        """
+        shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
+        gaps, parts = np.diff(seconds)[:, None], []
+        for part in (slice(0, 3), slice(3, 6)):
+            off = errors[:, part] / sigmas[:, part]
+            anew = 2 * np.diag(JITTER)[part] / sigmas[1:, part] ** 2
+            found = [
+                (_likelihood(off, np.exp(-gaps / time), share, anew), share, math.log(time))
+                for share in shares
+                for time in times
+            ]
+            likelihood, share, time = np.array(found).T
+            parts.append(np.average([share, time], axis=1, weights=np.exp(likelihood - likelihood.max())))
+        share, time = np.repeat(parts, 3, axis=0).T
+        return cls(share, np.exp(time))
+
+
+def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
+    """Logarithm of that of errors about any constant, of which a share drifts."""
+    steps = np.concatenate([off[:1], off[1:] - keep * off[:-1]])
+    constant = np.concatenate([np.ones((1, 1)), 1 - keep])
+    variance = np.concatenate([np.full((1, 3), share), (1 - keep**2) * share + anew])
+    weight = (constant**2 / variance).sum(axis=0)
+    mean = (constant * steps / variance).sum(axis=0) / weight
+    squares = np.square(steps - constant * mean) / variance
+    return -float((np.log(variance) + squares).sum() + np.log(weight).sum()) / 2
+
+
+# As long as a flight does not tell: all of an error drifts.
+_UNKNOWN = Drift(np.ones(6), np.full(6, 5.0))
+
+
 class PoseGraph:
     """Poses of cameras, and what joins them; all that is known is relative or the autopilot's.
 
@@ -94,6 +155,8 @@ class PoseGraph:
         # The poses once more, in arrays.
         self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self._all_moved, self._is_strained = 0, False
+        #: Of the flights that tell it, once all poses are known.
+        self.drifts: dict[int, Drift] = {}
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
@@ -131,6 +194,7 @@ class PoseGraph:
         place = {number: index for index, number in enumerate(numbers)}
         left_out = set() if with_left_out else self.left_out
         some = PoseGraph()
+        some.drifts = self.drifts
         for number in numbers:
             some.add(self.nodes[number], self.poses[number])
         for index in range(self.first_link(numbers[0]), len(self.links)):
@@ -158,25 +222,61 @@ class PoseGraph:
             self.solve()
             self._all_moved, self._is_strained = number, False
 
+    def settle(self) -> None:
+        """Move all poses to where they agree best, and learn how the autopilot's errors change."""
+        self.drifts = {}
+        self.solve()
+        groups, drifts = np.array(self.groups()), {}
+        for flight in {node.flight for node in self.nodes}:
+            placed = [
+                number
+                for number, node in enumerate(self.nodes)
+                if node.flight == flight and node.covariance is not None
+            ]
+            # Of poses that nothing ties, errors are not known: most of the flight's are tied.
+            tied = [n for n in placed if groups[n] == np.bincount(groups[placed]).argmax()]
+            if len(tied) > 2:
+                nodes = [self.nodes[number] for number in tied]
+                said, (turns, places) = _arrays([node.stated for node in nodes]), (
+                    self._turns[tied],
+                    self._places[tied],
+                )
+                drifts[flight] = Drift.of(
+                    _off(turns, places, *said),
+                    np.array([np.sqrt(np.diag(node.covariance)) for node in nodes]),
+                    np.array([node.seconds for node in nodes]),
+                )
+        self.drifts = drifts
+        self.solve()
+
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
         if fixed >= len(self.nodes):
             return
-        terms, start = Terms(self, fixed), (self._turns, self._places)
+        terms, start = Terms(self, fixed), self._start()
         # Those that contradicted the others before count from the first step on by how they fit.
         doubted = np.isin(terms.links, list(self.left_out) if fixed else [])
         found = _stepped(terms, *start, doubted, math.inf)
         if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(*start)):
             # Poses fit no worse than before: no pair that does not fit already pulls.
             found = _stepped(terms, *start, np.ones(len(doubted), bool), 1.0)
-        turns, places = self._turns, self._places = found
-        rotations = Rotation.from_matrix(turns[fixed:])
+        count, (turns, places) = len(self.nodes), found
+        self._turns, self._places = turns[:count], places[:count]
+        rotations = Rotation.from_matrix(self._turns[fixed:])
         self.poses[fixed:] = [
             Pose(rotation, place.copy())
-            for rotation, place in zip(rotations, places[fixed:], strict=True)
+            for rotation, place in zip(rotations, self._places[fixed:], strict=True)
         ]
         misfits = terms.misfits(terms.errors(turns, places))
         self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
+
+    def _start(self) -> tuple[Array, Array]:
+        """Turns and places of all poses, and of the flights' constant errors, from nothing on."""
+        extra = len(self.drifts)
+        return (
+            np.concatenate([self._turns, np.tile(np.eye(3), (extra, 1, 1))]),
+            np.concatenate([self._places, np.zeros((extra, 3))]),
+        )
 
     def _put(self, number: int, pose: Pose) -> None:
         self.poses[number] = pose
@@ -212,11 +312,12 @@ class PoseGraph:
             Numbers of the poses that are asked for; all by default.
         """
         terms = Terms(self, 0, anchor)
-        errors = terms.errors(self._turns, self._places)
-        jacobian, weighted = terms.weighted(self._turns, self._places, errors, 1.0)
+        start = self._start()
+        errors = terms.errors(*start)
+        jacobian, weighted = terms.weighted(*start, errors, 1.0)
         solver = _factored(weighted @ jacobian)
         bent = solver.solve(weighted @ terms.common.reshape(-1, 6)).reshape(-1, 6, 6)
-        wanted = np.arange(terms.count) if only is None else np.asarray(only)
+        wanted = np.arange(len(self.nodes)) if only is None else np.asarray(only)
         blocks = np.empty((len(wanted), 6, 6))
         for index, number in enumerate(wanted):
             unit = np.zeros((6 * terms.count, 6))
@@ -318,7 +419,8 @@ class Terms:
 
     def __init__(self, graph: PoseGraph, fixed: int = 0, anchor: int | None = None) -> None:
         nodes = graph.nodes
-        self.fixed, self.count = fixed, len(nodes) - fixed
+        #: Of the poses that move, and of the constant errors of flights, which follow them.
+        self.fixed, self.count = fixed, len(nodes) + len(graph.drifts) - fixed
         numbers = range(graph.first_link(fixed), len(graph.links))
         #: Numbers of the links that tell something.
         self.links = [k for k in numbers if graph.links[k].relative.rank]
@@ -328,31 +430,34 @@ class Terms:
         self._back = np.swapaxes(turns, 1, 2)
         self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
         self._rank = np.array([each.rank for each in relative], float)
-        stated = _stated(nodes, fixed, anchor)
-        at, before, keep, spreads = zip(*stated, strict=True)
-        self._keep = np.array(keep)
-        self._said = [_arrays([nodes[k].stated for k in each]) for each in (before, at)]
-        # Numbers of each term's two poses; of links, and of what is stated.
-        pairs = [(link.first, link.second) for link in links]
-        self._poses = np.array([*pairs, *zip(before, at, strict=True)], np.intp)
+        stated = _stated(graph, fixed, anchor)
+        at, before, constant = (np.array([row[k] for row in stated]) for k in range(3))
+        self._keep, self._bias, spreads = (
+            np.array([row[k] for row in stated]) for k in range(3, 6)
+        )
+        said = _arrays([*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)])
+        self._said = [(said[0][each], said[1][each]) for each in (before, at, constant)]
+        # Numbers of each term's poses, a third one of what is stated; of links, and of that.
+        pairs = [(link.first, link.second, link.second) for link in links]
+        self._poses = np.array([*pairs, *zip(before, at, constant, strict=True)], np.intp)
         information = [each.information for each in relative]
-        self._information = np.array([*information, *np.linalg.inv(np.array(spreads))])
+        self._information = np.array([*information, *np.linalg.inv(spreads)])
         #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
         self.common = np.array([*(e.common for e in relative), *np.zeros((len(stated), 6, 6))])
 
     def errors(self, turns: Array, places: Array) -> Array:
         """At poses of shape (all, 3, 3) and (all, 3); shape (terms, 6)."""
         count = len(self.links)
-        first, second = self._poses[:count].T
+        first, second, _ = self._poses[:count].T
         back = np.swapaxes(turns[first], 1, 2)
         off = back @ turns[second] @ self._back
         seen = _turned(back, places[second] - places[first])
         of_links = twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
-        then, now = (
-            np.hstack([places[at] - place, rotation_vectors(turns[at] @ np.swapaxes(turn, 1, 2))])
-            for at, (turn, place) in zip(self._poses[count:].T, self._said, strict=True)
+        then, now, always = (
+            _off(turns[at], places[at], *said)
+            for at, said in zip(self._poses[count:].T, self._said, strict=True)
         )
-        return np.concatenate([of_links, now - self._keep[:, None] * then])
+        return np.concatenate([of_links, now - self._keep * then - self._bias * always])
 
     def misfits(self, errors: Array) -> Array:
         """Squares of the links' errors, in variances, by their directions; shape (links,)."""
@@ -379,21 +484,23 @@ class Terms:
         back = np.swapaxes(turns[first], 1, 2)
         centre = places[first] + _turned(turns[first], self._centre)
         change = changes(errors[:count])
-        blocks = np.zeros((total, 2, 6, 6))
+        blocks = np.zeros((total, 3, 6, 6))
         for side, sign in enumerate((-1, 1)):
             # A turn of a camera shifts what lies at the end of the arm.
             move = np.zeros((count, 6, 6))
             move[:, :3, :3] = move[:, 3:, 3:] = back
             move[:, :3, 3:] = -back @ crossed(centre - places[self._poses[:count, side]])
             blocks[:count, side] = sign * change @ move
-        blocks[count:, 0] = -self._keep[:, None, None] * np.eye(6)
+        blocks[count:, 0] = -self._keep[:, :, None] * np.eye(6)
         blocks[count:, 1] = np.eye(6)
+        blocks[count:, 2] = -self._bias[:, :, None] * np.eye(6)
         columns = self._poses - self.fixed
         blocks[columns < 0] = 0
         jacobian = bsr_matrix(
-            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 2 * np.arange(total + 1)),
+            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 3 * np.arange(total + 1)),
             shape=(6 * total, 6 * self.count),
         ).tocsr()
+        jacobian.eliminate_zeros()
         information = self._information.copy()
         heard = geman_mcclure(self.misfits(errors), _HALF * tolerance)
         information[:count] *= heard[:, None, None]
@@ -401,34 +508,57 @@ class Terms:
         return jacobian, jacobian.T @ weights.tocsr()
 
 
-def _stated(
-    nodes: Sequence[Node], fixed: int, anchor: int | None
-) -> list[tuple[int, int, float, Array]]:
-    """Of each pose an earlier one, the share of its error, and the covariance of the rest."""
-    terms: list[tuple[int, int, float, Array]] = []
+def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any, ...]]:
+    """What is said of each pose: its number, an earlier one, and that of its flight's constant.
+
+    And of the errors of the last two the shares that it has, and the covariance of the rest.
+    """
+    nodes, nothing = graph.nodes, np.zeros(6)
+    terms: list[tuple[Any, ...]] = []
     stated = [index for index, node in enumerate(nodes) if node.covariance is not None]
     is_adrift = anchor is None and not stated
     last_stated = dict(zip(stated[1:], stated, strict=False))
+    constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
+    spreads: dict[int, Array] = {}
     for index, node in enumerate(nodes[fixed:], fixed):
-        last = last_stated.get(index)
+        last, flight = last_stated.get(index), node.flight
+        drift, constant = graph.drifts.get(flight, _UNKNOWN), constants.get(flight, index)
         if node.covariance is None:
             spread = _ANCHOR if index == 0 and is_adrift else _UNTOLD
-            terms.append((index, index, 0.0, spread))
-        elif last is not None and nodes[last].flight == node.flight:
-            keep = share_kept(nodes[last], node)
-            spread = (1 - keep**2) * node.covariance + 2 * JITTER
+            terms.append((index, index, index, nothing, nothing, spread))
+            continue
+        spreads.setdefault(flight, node.covariance)
+        spread, bias = _part(node.covariance, drift.share), float(flight in constants)
+        if last is not None and nodes[last].flight == flight:
+            keep = drift.kept(nodes[last], node)
+            rest, bias = 1 - keep**2, bias * (1 - keep)
             if anchor is not None:
                 # Seen from a pose that errs itself, errors differ ever more.
-                spread, keep = 2 * (1 - keep) * node.covariance + 2 * JITTER, 1.0
-            terms.append((index, last, keep, spread))
+                rest, keep, bias = 2 * (1 - keep), np.ones(6), nothing
+            terms.append((index, last, constant, keep, bias, _part(spread, rest) + 2 * JITTER))
         elif anchor is None:
-            terms.append((index, index, 0.0, node.covariance))
-        elif nodes[anchor].flight != node.flight:
+            terms.append((index, index, constant, nothing, bias * np.ones(6), spread))
+        elif nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
-            terms.append((index, index, 0.0, 2 * node.covariance))
+            terms.append((index, index, index, nothing, nothing, 2 * node.covariance))
+    for flight, at in constants.items():
+        spread = _part(spreads.get(flight, _ANCHOR), 1 - graph.drifts[flight].share)
+        terms.append((at, at, at, nothing, nothing, spread))
     if anchor is not None:
-        terms.append((anchor, anchor, 0.0, _ANCHOR))
+        terms.append((anchor, anchor, anchor, nothing, nothing, _ANCHOR))
     return terms
+
+
+def _part(covariance: Array, share: Array) -> Array:
+    """Covariance of which so much is left, axis by axis."""
+    root = np.sqrt(share)
+    return covariance * np.outer(root, root)
+
+
+def _off(turns: Array, places: Array, said_turns: Array, said: Array) -> Array:
+    """Errors of poses by what is said of them, shape (n, 6)."""
+    off = rotation_vectors(turns @ np.swapaxes(said_turns, 1, 2))
+    return np.hstack([places - said, off])
 
 
 def _arrays(poses: Sequence[Pose]) -> tuple[Array, Array]:
