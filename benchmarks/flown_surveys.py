@@ -59,7 +59,15 @@ Row = tuple[str, dict[str, float]]
 
 
 def record(
-    folder, skin, poses, stated, without=(), start_ns=START_NS, rig='', rows=ROWS, covariance=STATED
+    folder,
+    skin,
+    poses,
+    stated,
+    without=(),
+    start_ns=START_NS,
+    rig='',
+    rows=ROWS,
+    covariance=STATED,
 ):
     """A bag of clouds seen from poses, in which the autopilot's are stated, or None."""
     with BagWriter(folder) as writer:
@@ -102,14 +110,13 @@ def shifted(poses: list[Pose], by: NDArray) -> list[Pose]:
 
 def surveyed(bags: list[Bag]) -> dict[str, float]:
     """What the survey of some bags finds, over all its parts, and by which sizes it is off."""
-    found = survey_bags(bags, 'survey', SmallestDent(), '', lambda: None)
-    parts = found if isinstance(found, list) else [found]
+    parts = survey_bags(bags, 'survey', SmallestDent(), '', lambda: None)
     seen, false, off, missed = 0, 0, [], 0
     for part in parts:
         dents = [each.dent for each in part.result.dents if each.dent.kind == 'dent']
         depths = np.array([dent.depth.value for dent in dents])
         taken = set()
-        for _, _, width, depth in DENTS:
+        for *_, depth in DENTS:
             near = [
                 k
                 for k in np.argsort(np.abs(depths - depth)).tolist()
@@ -145,9 +152,7 @@ def apart(folder: Path) -> Iterator[Row]:
             said = shifted(erring(poses, number), number * off * np.array([0.8, 0.6, 0]))
             name = f'{off} {sigma} {number}'
             start = START_NS + number * 1000 * SECOND
-            path = record(
-                folder / name, skin, poses, said, start_ns=start, covariance=covariance
-            )
+            path = record(folder / name, skin, poses, said, start_ns=start, covariance=covariance)
             bags.append(open_bag(path))
         yield f'{off:g} m apart, poses state {sigma:g} m', surveyed(bags)
 
@@ -158,7 +163,7 @@ def lacking(folder: Path) -> Iterator[Row]:
     poses = list(skin.flight(CLOUDS))
     said = erring(poses, 1)
     stray = list(said)
-    stray[4] = Pose(said[4].rotation, said[4].translation + [0.1, 0.05, 0])
+    stray[4] = Pose(said[4].rotation, said[4].translation + np.array([0.1, 0.05, 0]))
     every_second = [pose if k % 2 else None for k, pose in enumerate(said)]
     turn = Rotation.from_euler('z', np.pi)
     back = [Pose(each.rotation * turn, each.translation) for each in skin.flight(CLOUDS, y=0.02)]
@@ -254,11 +259,15 @@ def lengths(_: Path) -> Iterator[Row]:
             off = np.linalg.norm(np.diff(on_map, axis=1)[:, 0], axis=-1) - true
             # Of the clouds' points, 4 mm apart, each stands for as much around it.
             wide, high = 1.4 + 0.34, APART * (passes - 1) + 0.22
-            yield f'map, {name}, {passes} passes', {
-                'length off mm at most': MM * float(np.abs(off[true < 1]).max()),
-                'area off %': 100 * (np.count_nonzero(seen.views) * seen.pitch**2 / (wide * high) - 1),
-                'radius m': seen.skin.radius,
-            }
+            yield (
+                f'map, {name}, {passes} passes',
+                {
+                    'length off mm at most': MM * float(np.abs(off[true < 1]).max()),
+                    'area off %': 100
+                    * (np.count_nonzero(seen.views) * seen.pitch**2 / (wide * high) - 1),
+                    'radius m': seen.skin.radius,
+                },
+            )
 
 
 def way_up(_: Path) -> Iterator[Row]:
@@ -276,28 +285,32 @@ def way_up(_: Path) -> Iterator[Row]:
 
 def laps(folder: Path) -> Iterator[Row]:
     """The deviation that is drawn beside a lap, where the skin is as it should be."""
-    skin = FlownSkin(35, dents=((0.1, -0.05, 0.03, 3e-4),), lap=(0.03, 1.2e-3))
-    poses = [pose for k in range(2) for pose in skin.flight(6, y=0.12 * k - 0.04)]
-    bag = open_bag(record(folder / 'lap', skin, poses, poses, covariance=STATED / 1e4))
-    found = survey_bags([bag], 'survey', SmallestDent(), '', lambda: None)
-    part = found[0] if isinstance(found, list) else found
-    mosaic = part.mosaic
-    rows, columns = np.indices(mosaic.shape)
-    flat = mosaic.low + mosaic.pitch * (np.stack([columns, rows], -1) + 0.5)
-    at = mosaic.skin.points(flat)
-    x, y = at[..., 0], at[..., 1]
-    far = np.hypot(x - 0.1, y + 0.05) > 0.03
-    deviation = mosaic.deviation
-    bare = np.isfinite(deviation) & far
-    dent = np.isfinite(deviation) & (np.hypot(x - 0.1, y + 0.05) < 0.003)
-    steps = sum(each.dent.kind == 'step' for each in part.result.dents)
-    yield 'deviation beside a lap', {
-        'off 0.03 mm %': 100 * float((np.abs(deviation[bare]) > 3e-5).mean()),
-        'off 0.1 mm %': 100 * float((np.abs(deviation[bare]) > 1e-4).mean()),
-        'blank %': 100 * float(1 - bare.sum() / ((mosaic.views > 0) & far).sum()),
-        'dent of 0.3 shown mm': MM * float(deviation[dent].mean()) if dent.any() else math.nan,
-        'steps': steps,
-    }
+    for lap, turn in (((0.03, 1.2e-3), 0.12), ((0.0, 1.2e-3), 0.0), ((-0.02, -4e-4), 0.1)):
+        skin = FlownSkin(35, dents=((0.1, -0.05, 0.03, 3e-4),), lap=lap)
+        poses = [pose for k in range(2) for pose in skin.flight(6, y=turn * k - 0.04)]
+        name = f'lap of {MM * lap[1]:g} mm, passes {turn:g} m apart'
+        bag = open_bag(record(folder / name, skin, poses, poses, covariance=STATED / 1e4))
+        (part,) = survey_bags([bag], 'survey', SmallestDent(), '', lambda: None)
+        mosaic = part.mosaic
+        rows, columns = np.indices(mosaic.shape)
+        at = mosaic.skin.points(mosaic.low + mosaic.pitch * (np.stack([columns, rows], -1) + 0.5))
+        off = np.hypot(at[..., 0] - 0.1, at[..., 1] + 0.05)
+        shown = np.isfinite(mosaic.deviation)
+        bare, dent = np.abs(mosaic.deviation[shown & (off > 0.03)]), shown & (off < 0.003)
+        figures = {
+            f'off {MM * limit:g} mm %': 100 * (bare > limit).mean() for limit in (3e-5, 1e-4)
+        }
+        yield (
+            name,
+            figures
+            | {
+                'blank %': 100 * (1 - shown[mosaic.views > 0].mean()),
+                'dent of 0.3 mm shown': MM * mosaic.deviation[dent].mean()
+                if dent.any()
+                else math.nan,
+                'entries': len(part.result.dents),
+            },
+        )
 
 
 def stated_places(_: Path) -> Iterator[Row]:
@@ -332,11 +345,14 @@ def stated_places(_: Path) -> Iterator[Row]:
                     ratios.append(math.sqrt(error @ np.linalg.solve(covariance, error) / 6))
                     stated_mm.append(MM * math.sqrt(np.trace(covariance[:3, :3]) / 3))
                     yaws.append(math.degrees(math.sqrt(covariance[5, 5])))
-            yield f'place in the map, {count} clouds, {kind}', {
-                'over u': root_mean_square(ratios),
-                'stated mm': float(np.mean(stated_mm)),
-                'stated yaw degrees': float(np.mean(yaws)),
-            }
+            yield (
+                f'place in the map, {count} clouds, {kind}',
+                {
+                    'over u': root_mean_square(ratios),
+                    'stated mm': float(np.mean(stated_mm)),
+                    'stated yaw degrees': float(np.mean(yaws)),
+                },
+            )
 
 
 def difference(pose: Pose, other: Pose) -> NDArray:
@@ -394,13 +410,16 @@ def repeating(_: Path, count: int = 300) -> Iterator[Row]:
             ratios.append(math.sqrt(error @ np.linalg.solve(covariances[number], error) / 6))
             sizes.append(MM * np.linalg.norm(error[:3]))
     links = joining.graph.links
-    yield f'{count} clouds of a repeating skin', {
-        'off mm': root_mean_square(sizes),
-        'over u': root_mean_square(ratios),
-        'not tied %': 100 * float(np.mean([link.relative.rank < 6 for link in links])),
-        'ms a cloud': MM * spent / count,
-        'MB': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-    }
+    yield (
+        f'{count} clouds of a repeating skin',
+        {
+            'off mm': root_mean_square(sizes),
+            'over u': root_mean_square(ratios),
+            'not tied %': 100 * float(np.mean([link.relative.rank < 6 for link in links])),
+            'ms a cloud': MM * spent / count,
+            'MB': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        },
+    )
 
 
 ROWS_OF: dict[str, Callable[[Path], Iterator[Row]]] = {

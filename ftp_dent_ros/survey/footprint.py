@@ -119,9 +119,9 @@ def unrolled(
     normals = np.concatenate(
         [pose.rotation.apply(each.normals[::every].astype(float)) for pose, each in both]
     )
-    # Up in the map; of a level skin, where the pictures' up is.
-    shown = np.mean([pose.rotation.apply([0.0, -0.1, 0.0]) for pose in poses], axis=0)
-    skin = Unrolled.through(few, normals, shown + [0.0, 0.0, 1.0])
+    # In the map; of a level skin, in the pictures.
+    up = np.mean([pose.rotation.apply([0.0, -0.1, 0.0]) for pose in poses], axis=0)
+    skin = Unrolled.through(few, normals, up + np.array([0.0, 0.0, 1.0]))
     return skin, [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
 
 

@@ -50,7 +50,7 @@ class Joining:
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
         self._sizes: list[float] = []
         self._last_closed = self._last_slid = -1
-        # Pairs of flights that nothing has tied yet: as they may lie, if another one says the same.
+        # Pairs that may tie flights, if another one says the same.
         self._maybe: list[PairLink] = []
         self.footprints: list[Footprint] = []
 
@@ -278,7 +278,7 @@ class Joining:
         return chosen[:2]
 
     def _search(self, number: int) -> None:
-        """Look for a cloud's skin in other flights, as far from it as their poses say that it may be.
+        """Look for the skin of a cloud in other flights, as far off as their poses state.
 
         What two pairs say alike ties the flights; what one says may be chance.
         """
@@ -322,7 +322,7 @@ class Joining:
             for each in self._maybe
             if {nodes[each.first].flight, nodes[each.second].flight} == flights
             and (each.first, each.second) != (link.first, link.second)
-            # Metres: far more than clouds of a flight err to each other, far less than is searched.
+            # Metres: more than a flight errs in itself, far less than is searched.
             and np.linalg.norm(moved(each) - moved(link)) < 0.01
         ]
         self._maybe.append(link)

@@ -43,8 +43,8 @@ class Mosaic(Raster):
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
         super().__init__(skin, low, high, PIXEL, PIXELS_A_CELL)
         self.views = np.zeros(self.shape, np.uint16)
-        self._image, self._seen, self._deviation, self._weight = np.zeros(
-            (4, *self.shape), np.float32
+        self._image, self._seen, self._deviation, self._squares, self._weight = np.zeros(
+            (5, *self.shape), np.float32
         )
         self._points = np.zeros((*self.shape, 3), np.float32)
         self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
@@ -56,9 +56,7 @@ class Mosaic(Raster):
         column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
         self._owner[row, column] = group
 
-    def add(
-        self, cloud: Cloud, pose: Pose, found: Inspection | None, group: int = _FREE
-    ) -> None:
+    def add(self, cloud: Cloud, pose: Pose, found: Inspection | None, group: int = _FREE) -> None:
         """Another cloud, in its camera's frame, and its inspection.
 
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
@@ -86,6 +84,7 @@ class Mosaic(Raster):
             for each in (found.deviation, found.findable, found.noise)
         )
         self._deviation[window] += np.nan_to_num(deviation)
+        self._squares[window] += np.nan_to_num(deviation) ** 2
         self._weight[window] += np.isfinite(deviation)
         better = np.isfinite(findable) & ~(self._findable[window] <= findable)
         np.copyto(self._findable[window], findable, where=better, casting='same_kind')
@@ -99,9 +98,15 @@ class Mosaic(Raster):
 
     @property
     def deviation(self) -> NDArray[np.float32]:
-        """Depth below the undeformed contour, metres; NaN where it is not known."""
-        mean = self._deviation / np.maximum(self._weight, 1)
-        return np.where(self._weight > 0, mean, np.float32(np.nan))
+        """Depth below the undeformed contour, metres; NaN where it is not known.
+
+        So it is where the clouds' contours contradict each other, as beside a lap.
+        """
+        count = np.maximum(self._weight, 1)
+        mean = self._deviation / count
+        # What the picture of depths may err by, metres: a fifteenth of its scale.
+        is_known = (self._weight > 0) & (self._squares / count - mean**2 < 3e-5**2)
+        return np.where(is_known, mean, np.float32(np.nan))
 
     def cloud(self) -> Cloud:
         """Mean point of each cell, with the skin image as intensity and the noise as sigma."""

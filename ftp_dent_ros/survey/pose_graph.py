@@ -114,7 +114,9 @@ class Drift:
                 for time in times
             ]
             likelihood, share, time = np.array(found).T
-            parts.append(np.average([share, time], axis=1, weights=np.exp(likelihood - likelihood.max())))
+            parts.append(
+                np.average([share, time], axis=1, weights=np.exp(likelihood - likelihood.max()))
+            )
         share, time = np.repeat(parts, 3, axis=0).T
         return cls(share, np.exp(time))
 
@@ -227,25 +229,22 @@ class PoseGraph:
         self.drifts = {}
         self.solve()
         groups, drifts = np.array(self.groups()), {}
+        known = {k: node.covariance for k, node in enumerate(self.nodes)}
+        said = _arrays([node.stated for node in self.nodes])
+        errors = _off(self._turns, self._places, *said)
         for flight in {node.flight for node in self.nodes}:
             placed = [
-                number
-                for number, node in enumerate(self.nodes)
-                if node.flight == flight and node.covariance is not None
+                (k, np.sqrt(np.diag(spread)))
+                for k, spread in known.items()
+                if spread is not None and self.nodes[k].flight == flight
             ]
-            # Of poses that nothing ties, errors are not known: most of the flight's are tied.
-            tied = [n for n in placed if groups[n] == np.bincount(groups[placed]).argmax()]
+            # Of poses that nothing ties, errors are not known: those of the most are taken.
+            most = np.bincount(groups[[k for k, _ in placed]], minlength=1).argmax()
+            tied = [k for k, _ in placed if groups[k] == most]
             if len(tied) > 2:
-                nodes = [self.nodes[number] for number in tied]
-                said, (turns, places) = _arrays([node.stated for node in nodes]), (
-                    self._turns[tied],
-                    self._places[tied],
-                )
-                drifts[flight] = Drift.of(
-                    _off(turns, places, *said),
-                    np.array([np.sqrt(np.diag(node.covariance)) for node in nodes]),
-                    np.array([node.seconds for node in nodes]),
-                )
+                sigmas = np.array([sigma for k, sigma in placed if groups[k] == most])
+                seconds = np.array([self.nodes[k].seconds for k in tied])
+                drifts[flight] = Drift.of(errors[tied], sigmas, seconds)
         self.drifts = drifts
         self.solve()
 
@@ -528,7 +527,7 @@ def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any,
             terms.append((index, index, index, nothing, nothing, spread))
             continue
         spreads.setdefault(flight, node.covariance)
-        spread, bias = _part(node.covariance, drift.share), float(flight in constants)
+        spread, bias = _part(node.covariance, drift.share), float(flight in constants) * np.ones(6)
         if last is not None and nodes[last].flight == flight:
             keep = drift.kept(nodes[last], node)
             rest, bias = 1 - keep**2, bias * (1 - keep)
@@ -537,7 +536,7 @@ def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any,
                 rest, keep, bias = 2 * (1 - keep), np.ones(6), nothing
             terms.append((index, last, constant, keep, bias, _part(spread, rest) + 2 * JITTER))
         elif anchor is None:
-            terms.append((index, index, constant, nothing, bias * np.ones(6), spread))
+            terms.append((index, index, constant, nothing, bias, spread))
         elif nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
             terms.append((index, index, index, nothing, nothing, 2 * node.covariance))

@@ -284,7 +284,9 @@ class FusedSkin:
         for number in np.lexsort((self._groups, sizes[self._groups])):
             self.mosaic.claim(places[number], self._groups[number])
         self._fusions = {
-            group: Fusion(skin, *_extent([places[k] for k in np.flatnonzero(self._groups == group)]))
+            group: Fusion(
+                skin, *_extent([places[k] for k in np.flatnonzero(self._groups == group)])
+            )
             for group in np.flatnonzero(sizes > 1)
         }
         for item, pose, number in self._clouds(False):
@@ -327,7 +329,9 @@ class FusedSkin:
             self.mosaic.add(cloud, pose, found, self._groups[number])
             if found is not None and fusion is not None:
                 dents, others = (
-                    tuple(_doubted(dent, fusion.shared(pose.apply(dent.position))) for dent in part)
+                    tuple(
+                        _doubted(dent, fusion.shared(pose.apply(dent.position))) for dent in part
+                    )
                     for part in (found.dents, found.others)
                 )
                 outcome = Inspected(replace(found, dents=dents, others=others))
@@ -337,7 +341,11 @@ class FusedSkin:
     def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
         """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
         fusion = self._fusion(number)
-        if fusion is None or dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
+        if (
+            fusion is None
+            or dent.is_cut
+            or not (dent.length.is_measured and dent.width.is_measured)
+        ):
             return None
         # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
         # and points across, at most.

@@ -65,9 +65,9 @@ class Unrolled:
         bend = float(y @ (normals @ start[1])) / max(float(y @ y), 1e-12)
 
         def cone(form: Array) -> Unrolled:
-            turned = Rotation.from_rotvec(form[1:4] @ start).apply(start)
+            x, y, z = Rotation.from_rotvec(form[1:4] @ start).apply(start)
             curve = math.copysign(max(abs(form[4]), 1e-6), form[4])
-            return cls(origin + form[0] * start[2], *turned, 1 / curve, float(form[5]))
+            return cls(origin + form[0] * start[2], x, y, z, 1 / curve, float(form[5]))
 
         # Dents and laps, metres, that do not bend the form.
         form = least_squares(
@@ -168,26 +168,21 @@ def find_gaps(
     mask : ndarray, shape (rows, columns), bool
         Of the cells of all gaps.
     """
-    # A gap is no wider than this; a wider one is the rim of what was flown over; metres.
-    reach = int(np.ceil(0.1 / CELL / 2))
-    wide, size = np.pad(measured.astype(np.uint8), reach), 2 * reach + 1
-    closed, *between = (
-        cv2.morphologyEx(wide, cv2.MORPH_CLOSE, np.ones(square, np.uint8))[
-            reach:-reach, reach:-reach
-        ]
-        > 0
-        for square in ((size, size), (size, 1), (1, size))
-    )
+    # Measured cells lie on both sides along rows, or along columns.
+    between = [
+        np.logical_or.accumulate(measured, axis)
+        & np.flip(np.logical_or.accumulate(np.flip(measured, axis), axis), axis)
+        for axis in (0, 1)
+    ]
     count, labels, boxes, middles = cv2.connectedComponentsWithStats(
-        (closed & ~measured).astype(np.uint8), connectivity=4
+        ((between[0] | between[1]) & ~measured).astype(np.uint8), connectivity=4
     )
     gaps, mask = [], np.zeros(measured.shape, bool)
     for label in range(1, count):
         left, top, width, height, cells = boxes[label]
         box = slice(top, top + height), slice(left, left + width)
         inside = labels[box] == label
-        # Measured cells lie on both sides of most of it, across where it is narrower: else it is
-        # a notch in the rim, or a corner that closing rounds off.
+        # So they do of most of it, across where it is narrower: else it is a notch in the rim.
         across = [axis for axis, side in ((0, height), (1, width)) if side == min(width, height)]
         if all(between[axis][box][inside].mean() >= 0.5 for axis in across):
             place, sides = low + CELL * (middles[label] + 0.5), CELL * np.array([width, height])

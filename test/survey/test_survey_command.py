@@ -18,6 +18,7 @@ from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.store import SurveyStore
 from ftp_dent_ros.survey.unrolled import Unrolled
 
+
 @pytest.fixture(scope='module')
 def skin():
     return FlownSkin(21, dents=((0.05, 0.02, 0.03, 5e-4), (0.15, -0.04, 0.025, 3e-4)))
