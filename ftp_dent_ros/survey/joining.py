@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cached_property, partial
 
 import numpy as np
@@ -50,6 +51,7 @@ class Joining:
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
         self._sizes: list[float] = []
         self._last_closed = self._last_slid = -1
+        self._last_searched = -8
         # Pairs that may tie flights, if another one says the same.
         self._maybe: list[PairLink] = []
         self.footprints: list[Footprint] = []
@@ -282,58 +284,46 @@ class Joining:
 
         What two pairs say alike ties the flights; what one says may be chance.
         """
-        graph, flight = self.graph, self.graph.nodes[number].flight
-        others = [each for each in self._kept if graph.nodes[each].flight != flight]
+        graph, last = self.graph, self._last_searched
+        others = [k for k in self._kept if graph.nodes[k].flight != graph.nodes[number].flight]
         if not others:
             return
-        groups = np.array(graph.groups())
-        places = self._middles([*others, number])
-        far = np.linalg.norm(places[:-1] - places[-1], axis=1)
-        within = [
-            other
-            for index, other in enumerate(others)
-            if groups[other] != groups[number] and far[index] < self._reach(other, number)
-        ]
-        # So many a cloud, others each time.
-        every = math.ceil(len(within) / 4)
-        for other in within[number % max(every, 1) :: max(every, 1)]:
+        groups, places = np.array(graph.groups()), self._middles([*others, max(last, 0), number])
+        # This part of a patch from the last that was looked for, one shows hardly more.
+        if number - last < 8 and np.linalg.norm(places[-2] - places[-1]) < 0.5 * self._sizes[-1]:
+            return
+        self._last_searched = number
+        spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
+        # Standard deviations, and parts of two patches.
+        reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self._sizes[-1]
+        far = np.linalg.norm(places[:-2] - places[-1], axis=1)
+        within = np.array(others)[(groups[others] != groups[number]) & (far < reach)].tolist()
+        # So many at once, others each time.
+        every = max(1, math.ceil(len(within) / 4))
+        for other in within[number % every :: every]:
             patches = self._kept[other](), self._kept[number]()
             guess = graph.poses[other].inverse() @ graph.poses[number]
             doubt = doubt_by_autopilot(graph, other, number)
-            try:
+            with suppress(UnlikePairError):
                 found = register(*patches, laid_over(*patches, guess), doubt)
-            except UnlikePairError:
-                continue
-            if not found.remark and found.rank == 6:
-                self._take(PairLink(other, number, found))
+                if not found.remark and found.rank == 6:
+                    self._take(PairLink(other, number, found))
 
     def _take(self, link: PairLink) -> None:
-        """Tie two flights by a pair, and those before it that say the same, if there are any."""
-        poses, nodes = self.graph.poses, self.graph.nodes
-        middle = self._middles([link.second])[0]
-
-        def moved(each: PairLink) -> NDArray[np.float64]:
-            back = poses[each.second].inverse()
-            return (poses[each.first] @ each.relative.pose @ back).apply(middle)
-
-        flights = {nodes[link.first].flight, nodes[link.second].flight}
-        alike = [
-            each
-            for each in self._maybe
-            if {nodes[each.first].flight, nodes[each.second].flight} == flights
-            and (each.first, each.second) != (link.first, link.second)
-            # Metres: more than a flight errs in itself, far less than is searched.
-            and np.linalg.norm(moved(each) - moved(link)) < 0.01
+        """Tie two flights by a pair if another one says the same."""
+        poses, middle = self.graph.poses, self._middles([link.second])[0]
+        told = [
+            (poses[each.first] @ each.relative.pose @ poses[each.second].inverse()).apply(middle)
+            for each in (link, *self._maybe)
+            if self._flights_of(each) == self._flights_of(link)
         ]
         self._maybe.append(link)
-        if alike:
+        # Metres: more than a flight errs in itself, far less than is searched.
+        if any(np.linalg.norm(place - told[0]) < 0.01 for place in told[1:]):
             self.graph.link(link.first, link.second, link.relative)
 
-    def _reach(self, first: int, second: int) -> float:
-        """How far from each other two clouds' middles may be told to be that see the same skin."""
-        spread = doubt_by_autopilot(self.graph, first, second)[:3, :3]
-        sizes = 0.6 * (self._sizes[first] + self._sizes[second])
-        return 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + sizes
+    def _flights_of(self, link: PairLink) -> tuple[int, int]:
+        return self.graph.nodes[link.first].flight, self.graph.nodes[link.second].flight
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""

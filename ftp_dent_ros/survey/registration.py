@@ -47,6 +47,8 @@ _WITHIN = 4.0
 _TURN = 0.008
 # A peak's correlation, and that by the highest one's, from which on it may be the place.
 _RIVAL = 0.6
+# Places that are alike at first sight: more cannot all be judged.
+_MOST = 32
 
 
 class UnlikePairError(Exception):
@@ -179,8 +181,7 @@ def _by_paint(
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     if not near.is_right:
         places = candidates(first, second, by_shape, near)
-        # Places that are alike at first sight: more cannot all be judged.
-        if len(places) > 32:
+        if len(places) > _MOST:
             return by_shape, None, _AMBIGUOUS
         # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
         # on it by far more than a guess is unsure of at its own place.
@@ -407,8 +408,8 @@ def candidates(
         About whose centre it may be off, and by how much.
     """
     across, centre = np.sqrt(np.diag(near.doubt)), near.centre
-    # As far as they overlap, metres.
-    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, first.pitch * max(first.height.shape))
+    # As far as is looked for at most, metres: most of what a cloud sees.
+    reach = np.clip(_WITHIN * across[:2], 2 * _CELL, 0.2)
     steps = int(_WITHIN * across[5] / _TURN)
     turns = np.arange(-steps, steps + 1) * _TURN
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
@@ -423,8 +424,9 @@ def candidates(
         found.sort(key=lambda each: -each[0])
     kept: list[NDArray[np.float64]] = []
     for height, step in found:
-        is_rival = height >= _RIVAL * found[0][0]
-        if is_rival and all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
+        if height < _RIVAL * found[0][0] or len(kept) > _MOST:
+            break
+        if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
             kept.append(step)
     return [moved(guess, step, centre) for step in kept]
 

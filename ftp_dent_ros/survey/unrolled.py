@@ -168,24 +168,30 @@ def find_gaps(
     mask : ndarray, shape (rows, columns), bool
         Of the cells of all gaps.
     """
-    # Measured cells lie on both sides along rows, or along columns.
-    between = [
-        np.logical_or.accumulate(measured, axis)
-        & np.flip(np.logical_or.accumulate(np.flip(measured, axis), axis), axis)
-        for axis in (0, 1)
-    ]
-    count, labels, boxes, middles = cv2.connectedComponentsWithStats(
-        ((between[0] | between[1]) & ~measured).astype(np.uint8), connectivity=4
+    # Of the cells that have measured ones on both sides, along columns and along rows.
+    down, along = (_between(measured), _between(measured.T).T)
+    mask = down & along
+    for between, found in ((down, mask), (along.T, mask.T)):
+        count, labels, boxes, _ = cv2.connectedComponentsWithStats(
+            between.astype(np.uint8), connectivity=4
+        )
+        for label, (left, top, width, height, cells) in enumerate(boxes[:count]):
+            box = slice(top, top + height), slice(left, left + width)
+            # So it is across where it is narrower: else it is a notch in the rim.
+            if label and cells < width**2:
+                found[box] |= labels[box] == label
+    count, _, boxes, middles = cv2.connectedComponentsWithStats(
+        mask.astype(np.uint8), connectivity=4
     )
-    gaps, mask = [], np.zeros(measured.shape, bool)
-    for label in range(1, count):
-        left, top, width, height, cells = boxes[label]
-        box = slice(top, top + height), slice(left, left + width)
-        inside = labels[box] == label
-        # So they do of most of it, across where it is narrower: else it is a notch in the rim.
-        across = [axis for axis, side in ((0, height), (1, width)) if side == min(width, height)]
-        if all(between[axis][box][inside].mean() >= 0.5 for axis in across):
-            place, sides = low + CELL * (middles[label] + 0.5), CELL * np.array([width, height])
-            gaps.append(Gap(place, sides, float(cells * CELL**2)))
-            mask[box] |= inside
+    gaps = [
+        Gap(low + CELL * (middles[k] + 0.5), CELL * np.array(boxes[k, 2:4], float), area)
+        for k, area in enumerate((boxes[:, 4] * CELL**2).tolist())
+        if k
+    ]
     return sorted(gaps, key=lambda gap: -gap.area), mask
+
+
+def _between(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells that were not measured, with some of their column that were on both sides."""
+    before, after = (np.logical_or.accumulate(measured[::way])[::way] for way in (1, -1))
+    return before & after & ~measured
