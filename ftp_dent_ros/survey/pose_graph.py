@@ -65,13 +65,18 @@ class PairLink:
     relative: RelativePose
 
 
-def share_kept(earlier: Node, later: Node) -> float:
-    """Share of an autopilot's error at one cloud that is still there at another."""
-    if earlier.flight != later.flight:
-        return 0.0
-    # After which an autopilot's error is another one, seconds: the shortest that hovering ones
-    # were seen to have; a longer one would believe more of it.
-    return math.exp(-abs(later.seconds - earlier.seconds) / 5.0)
+def share_kept(earlier: Node, later: Node, seconds: Any = 5.0) -> Any:
+    """Share of an autopilot's error at one cloud that is still there at another.
+
+    Parameters
+    ----------
+    earlier, later : Node
+    seconds : float or ndarray
+        After which it is another one: by default the shortest that hovering ones were seen to
+        have; a longer one would believe more of it.
+    """
+    is_same = earlier.flight == later.flight
+    return is_same * np.exp(-abs(later.seconds - earlier.seconds) / seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +94,9 @@ class Drift:
     share: Array
     seconds: Array
 
-    def kept(self, earlier: Node, later: Node) -> Array:
-        """Share of what drifts that is still there, shape (6,)."""
-        return np.exp(-abs(later.seconds - earlier.seconds) / self.seconds)
-
     @classmethod
     def of(cls, errors: Array, sigmas: Array, seconds: Array) -> Drift:
-        """The likeliest, of places and of turns, in the mean over all that may be.
+        """The mean of all that may be, by their likelihood, for places and for turns.
 
         Parameters
         ----------
@@ -104,20 +105,17 @@ class Drift:
         seconds : ndarray, shape (n,)
         """
         shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
-        gaps, parts = np.diff(seconds)[:, None], []
+        off, gaps, parts = errors / sigmas, np.diff(seconds)[:, None], []
+        anew = 2 * np.diag(JITTER) / sigmas[1:] ** 2
+        grid = np.array([(share, math.log(time)) for share in shares for time in times])
         for part in (slice(0, 3), slice(3, 6)):
-            off = errors[:, part] / sigmas[:, part]
-            anew = 2 * np.diag(JITTER)[part] / sigmas[1:, part] ** 2
-            found = [
-                (_likelihood(off, np.exp(-gaps / time), share, anew), share, math.log(time))
-                for share in shares
-                for time in times
+            likelihood = [
+                _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), share, anew[:, part])
+                for share, time in grid
             ]
-            likelihood, share, time = np.array(found).T
-            parts.append(
-                np.average([share, time], axis=1, weights=np.exp(likelihood - likelihood.max()))
-            )
-        share, time = np.repeat(parts, 3, axis=0).T
+            chance = np.exp(np.array(likelihood) - max(likelihood))
+            parts += 3 * [np.average(grid, axis=0, weights=chance)]
+        share, time = np.array(parts).T
         return cls(share, np.exp(time))
 
 
@@ -228,23 +226,18 @@ class PoseGraph:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
         self.drifts = {}
         self.solve()
-        groups, drifts = np.array(self.groups()), {}
-        known = {k: node.covariance for k, node in enumerate(self.nodes)}
-        said = _arrays([node.stated for node in self.nodes])
+        drifts, said = {}, _arrays([node.stated for node in self.nodes])
         errors = _off(self._turns, self._places, *said)
-        for flight in {node.flight for node in self.nodes}:
-            placed = [
-                (k, np.sqrt(np.diag(spread)))
-                for k, spread in known.items()
-                if spread is not None and self.nodes[k].flight == flight
-            ]
+        spreads = [_ANCHOR if n.covariance is None else n.covariance for n in self.nodes]
+        sigmas = np.sqrt(np.diagonal(spreads, axis1=1, axis2=2))
+        placed = np.array([node.covariance is not None for node in self.nodes])
+        flights, seconds = np.array([(node.flight, node.seconds) for node in self.nodes]).T
+        for flight in np.unique(flights[placed]):
+            groups = np.where(placed & (flights == flight), self.groups(), -1)
             # Of poses that nothing ties, errors are not known: those of the most are taken.
-            most = np.bincount(groups[[k for k, _ in placed]], minlength=1).argmax()
-            tied = [k for k, _ in placed if groups[k] == most]
-            if len(tied) > 2:
-                sigmas = np.array([sigma for k, sigma in placed if groups[k] == most])
-                seconds = np.array([self.nodes[k].seconds for k in tied])
-                drifts[flight] = Drift.of(errors[tied], sigmas, seconds)
+            tied = groups == np.bincount(groups[groups >= 0]).argmax()
+            if tied.sum() > 2:
+                drifts[int(flight)] = Drift.of(errors[tied], sigmas[tied], seconds[tied])
         self.drifts = drifts
         self.solve()
 
@@ -512,37 +505,37 @@ def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any,
 
     And of the errors of the last two the shares that it has, and the covariance of the rest.
     """
-    nodes, nothing = graph.nodes, np.zeros(6)
+    nodes, nothing, always = graph.nodes, np.zeros(6), np.ones(6)
     terms: list[tuple[Any, ...]] = []
     stated = [index for index, node in enumerate(nodes) if node.covariance is not None]
-    is_adrift = anchor is None and not stated
     last_stated = dict(zip(stated[1:], stated, strict=False))
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
-    spreads: dict[int, Array] = {}
     for index, node in enumerate(nodes[fixed:], fixed):
         last, flight = last_stated.get(index), node.flight
         drift, constant = graph.drifts.get(flight, _UNKNOWN), constants.get(flight, index)
+        bias = always if flight in constants else nothing
         if node.covariance is None:
-            spread = _ANCHOR if index == 0 and is_adrift else _UNTOLD
+            is_adrift = index == 0 and anchor is None and not stated
+            spread = _ANCHOR if is_adrift else _UNTOLD
             terms.append((index, index, index, nothing, nothing, spread))
-            continue
-        spreads.setdefault(flight, node.covariance)
-        spread, bias = _part(node.covariance, drift.share), float(flight in constants) * np.ones(6)
-        if last is not None and nodes[last].flight == flight:
-            keep = drift.kept(nodes[last], node)
+        elif last is not None and nodes[last].flight == flight:
+            keep = share_kept(nodes[last], node, drift.seconds)
             rest, bias = 1 - keep**2, bias * (1 - keep)
             if anchor is not None:
                 # Seen from a pose that errs itself, errors differ ever more.
-                rest, keep, bias = 2 * (1 - keep), np.ones(6), nothing
-            terms.append((index, last, constant, keep, bias, _part(spread, rest) + 2 * JITTER))
+                rest, keep, bias = 2 * (1 - keep), always, nothing
+            spread = _part(node.covariance, rest * drift.share) + 2 * JITTER
+            terms.append((index, last, constant, keep, bias, spread))
         elif anchor is None:
+            spread = _part(node.covariance, drift.share)
             terms.append((index, index, constant, nothing, bias, spread))
         elif nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
             terms.append((index, index, index, nothing, nothing, 2 * node.covariance))
     for flight, at in constants.items():
-        spread = _part(spreads.get(flight, _ANCHOR), 1 - graph.drifts[flight].share)
-        terms.append((at, at, at, nothing, nothing, spread))
+        first = next((nodes[k].covariance for k in stated if nodes[k].flight == flight), None)
+        rest = _part(_ANCHOR if first is None else first, 1 - graph.drifts[flight].share)
+        terms.append((at, at, at, nothing, nothing, rest))
     if anchor is not None:
         terms.append((anchor, anchor, anchor, nothing, nothing, _ANCHOR))
     return terms

@@ -6,6 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -159,7 +161,7 @@ def join_bags(
     BagError
         A bag has no clouds in the camera's frame, or poses in another map than the others.
     CloudError
-        No cloud can be used, or nothing tells where a bag's skin lies.
+        No cloud can be used, or nothing tells how they lie.
     """
     joining, unused = Joining(), Counter[str]()
     remarks, frame_id, without_covariance = joining.remarks, '', 0
@@ -215,49 +217,45 @@ def join_bags(
         ),
     )
     # First what is said of the whole, then cloud by cloud.
-    remarks[:0] = _ties(joining, bags) + [f'{count} {text}' for count, text in counted if count]
+    remarks[:0] = _ties(joining, bags[0].path) + [
+        f'{count} {text}' for count, text in counted if count
+    ]
     joining.frame_id = frame_id or joining.frame_id
     return joining
 
 
-def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
+def _ties(joining: Joining, source: Path) -> list[str]:
     """What is to be said if the clouds are no one skin.
 
     Raises
     ------
     CloudError
-        Nothing places some of them: a bag that shares no skin, or clouds by guess alone.
+        Nothing places them.
     """
-    nodes, groups = joining.graph.nodes, np.array(joining.graph.groups())
-    flights = np.array([node.flight for node in nodes])
-    placed = np.array([node.covariance is not None for node in nodes])
-    unplaced = np.setdiff1d(flights, flights[placed]).tolist()
-    # Without any poses, the first bag's skin is the frame of the others.
-    for flight in unplaced[0 if placed.any() else 1 :]:
-        own = flights == flight
-        if not np.isin(groups[own], groups[~own]).any():
-            raise CloudError(
-                f'{bags[flight].path}: has no poses, and shares no skin with the other bags, so '
-                'that nothing tells where it lies: survey it by itself'
-            )
-    parts, told = joining.parts(), []
-    if len(parts) > 1 and not placed.any() and joining.without_skin == len(nodes):
+    parts, clouds, told = joining.parts(), len(joining.numbers), []
+    is_placed = any(node.covariance is not None for node in joining.graph.nodes)
+    if len(parts) > 1 and not is_placed and joining.without_skin == clouds:
         raise CloudError(
-            f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
+            f'{source}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-    largest = len(parts[0].numbers)
     if len(parts) > 1:
         told.append(
-            f'the clouds are not one skin but {len(parts)} parts, the largest of {largest} of '
-            f'{len(nodes)} clouds: only the autopilot tells how these lie to each other, so that '
-            'each is surveyed by itself'
+            f'the clouds are not one skin but {len(parts)} parts, the largest of '
+            f'{len(parts[0].numbers)} of {clouds} clouds: only the autopilot tells how these lie '
+            'to each other, if anything does, so that each is surveyed by itself'
         )
-    loose = len(nodes) - sum(np.bincount(part.graph.groups()).max() for part in parts)
+    loose = clouds - sum(np.bincount(part.graph.groups()).max() for part in parts)
     if loose:
         told.append(
-            f'{loose} of {len(nodes)} clouds are tied to the most of theirs by poses alone: what '
+            f'{loose} of {clouds} clouds are tied to the most of theirs by poses alone: what '
             'they show is not averaged with it, and their dents lie as well as the poses do'
+        )
+    days = (max(joining.numbers) - min(joining.numbers)) / 86_400e9
+    if days > 1:
+        told.append(
+            f'{days:.0f} days are between the first cloud and the last: what has changed between '
+            'them is averaged; survey the flights one by one, and compare'
         )
     return told
 
@@ -283,28 +281,29 @@ class FusedSkin:
         # Where several groups lie, the largest is drawn.
         for number in np.lexsort((self._groups, sizes[self._groups])):
             self.mosaic.claim(places[number], self._groups[number])
+        # A cloud by itself has none.
         self._fusions = {
             group: Fusion(
                 skin, *_extent([places[k] for k in np.flatnonzero(self._groups == group)])
             )
             for group in np.flatnonzero(sizes > 1)
         }
+        self._nothing = Fusion(skin, self.mosaic.low - 1, self.mosaic.low - 1)
         for item, pose, number in self._clouds(False):
-            fusion = self._fusion(number)
-            if fusion is not None:
-                fusion.add(item.cloud, pose)
+            self._fusion(number).add(item.cloud, pose)
             progress()
 
-    def _fusion(self, number: int) -> Fusion | None:
-        """What the clouds tell together that are tied to one; None of a cloud by itself."""
-        return self._fusions.get(self._groups[number])
+    def _fusion(self, number: int) -> Fusion:
+        """What the clouds that are tied to one tell together."""
+        return self._fusions.get(self._groups[number], self._nothing)
 
     def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose, int]]:
         """The clouds that were joined, each the first time that it comes, poses and numbers."""
         graph, numbers = self._joined.graph, dict(self._joined.numbers)
         flights = {node.flight for node in graph.nodes}
         for flight, bag in enumerate(self._bags):
-            for item in bag_clouds(bag, photographs=photographs) if flight in flights else ():
+            of_bag = partial(bag_clouds, bag, photographs=photographs, unplaced=True)
+            for item in of_bag() if flight in flights else ():
                 number = numbers.pop(item.stamp_ns, None)
                 if number is not None:
                     yield item, graph.poses[number], number
@@ -320,14 +319,13 @@ class FusedSkin:
         graph = self._joined.graph
         among_them = graph.covariances(anchor=len(graph.poses) // 2)
         for item, pose, number in self._clouds(photographs):
-            fusion, cloud, covariance = self._fusion(number), item.cloud, among_them[number]
-            if fusion is not None:
-                cloud = fusion.fused(cloud, pose)
+            fusion, covariance = self._fusion(number), among_them[number]
+            cloud = fusion.fused(item.cloud, pose)
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
             self.mosaic.add(cloud, pose, found, self._groups[number])
-            if found is not None and fusion is not None:
+            if found is not None:
                 dents, others = (
                     tuple(
                         _doubted(dent, fusion.shared(pose.apply(dent.position))) for dent in part
@@ -340,12 +338,7 @@ class FusedSkin:
 
     def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
         """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
-        fusion = self._fusion(number)
-        if (
-            fusion is None
-            or dent.is_cut
-            or not (dent.length.is_measured and dent.width.is_measured)
-        ):
+        if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
             return None
         # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
         # and points across, at most.
@@ -356,7 +349,7 @@ class FusedSkin:
         a, b = DentRelief(spacing, empty).places()
         across = np.cross(dent.normal, dent.axis)
         plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
-        heights = (fusion.heights(plane) - dent.position) @ dent.normal
+        heights = (self._fusion(number).heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
 
 
