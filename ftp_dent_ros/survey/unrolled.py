@@ -57,7 +57,7 @@ class Unrolled:
         """
         origin, normal = points.mean(axis=0), normals.mean(axis=0)
         # The axis is across all normals.
-        axis = np.linalg.svd(normals - normal, full_matrices=False)[2][2]
+        axis = np.linalg.svd(normals, full_matrices=False)[2][2]
         axis = axis - normal * (axis @ normal) / (normal @ normal)
         start = np.stack([axis, np.cross(normal, axis), normal])
         start /= np.linalg.norm(start, axis=1)[:, None]
