@@ -28,15 +28,18 @@ class Footprint:
         Metres.
     offsets : ndarray, shape (n, 3), float16
         Of the points from it, metres.
-    normals : ndarray, shape (n, 3), float16
-        Of the skin at the points, towards the camera.
+    turn : ndarray, shape (3, 3)
+        Along the skin, across and out of it, towards the camera; columns.
+    form : ndarray, shape (6,)
+        Of the paraboloid through the points: height, slopes and curvatures along these.
     share : float
         Of a cell, that a point stands for.
     """
 
     middle: NDArray[np.float64]
     offsets: NDArray[np.float16]
-    normals: NDArray[np.float16]
+    turn: NDArray[np.float64]
+    form: NDArray[np.float64]
     share: float
 
     @classmethod
@@ -48,18 +51,18 @@ class Footprint:
         points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
         offsets, turn = points - tangent.translation, tangent.rotation.as_matrix()
         x, y, height = (offsets @ turn).T
-        # Of the paraboloid through the points.
         terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=-1)
-        _, along, across, xx, xy, yy = np.linalg.lstsq(terms, height, rcond=None)[0]
+        form = np.linalg.lstsq(terms, height, rcond=None)[0]
+        share = float(every * spacing / CELL) ** 2
+        return cls(tangent.translation, offsets.astype(np.float16), turn, form, share)
+
+    def normals(self, every: int) -> NDArray[np.float64]:
+        """Of the skin at every so many-th of the points, shape (m, 3)."""
+        x, y, _ = (self.offsets[::every] @ self.turn).T
+        _, along, across, xx, xy, yy = self.form
         slopes = along + xx * x + xy * y, across + xy * x + yy * y
-        normals = np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=-1) @ turn.T
-        normals /= np.linalg.norm(normals, axis=1)[:, None]
-        return cls(
-            tangent.translation,
-            offsets.astype(np.float16),
-            normals.astype(np.float16),
-            float(every * spacing / CELL) ** 2,
-        )
+        out = np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=-1) @ self.turn.T
+        return out / np.linalg.norm(out, axis=1)[:, None]
 
     def points(self, every: int = 1) -> NDArray[np.float64]:
         """Every so many-th of the points, shape (m, 3), metres."""
@@ -116,9 +119,7 @@ def unrolled(
     # Some 5000 in all tell the skin's form.
     every = max(1, sum(len(each.offsets) for each in footprints) // 5000)
     few = np.concatenate([pose.apply(each.points(every)) for pose, each in both])
-    normals = np.concatenate(
-        [pose.rotation.apply(each.normals[::every].astype(float)) for pose, each in both]
-    )
+    normals = np.concatenate([pose.rotation.apply(each.normals(every)) for pose, each in both])
     # In the map; of a level skin, in the pictures.
     up = np.mean([pose.rotation.apply([0.0, -0.1, 0.0]) for pose in poses], axis=0)
     skin = Unrolled.through(few, normals, up + np.array([0.0, 0.0, 1.0]))

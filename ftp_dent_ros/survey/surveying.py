@@ -396,7 +396,10 @@ def report_on_skin(
     CloudError
         No cloud in it could be used.
     """
-    joined = join_bags([bag], progress).parts()[0]
+    joined, *others = join_bags([bag], progress).parts()
+    if others:
+        count = sum(len(each.numbers) for each in others)
+        joined.remarks.insert(0, f'{count} clouds of other parts are not in this report')
     skin = FusedSkin([bag], joined, progress)
     inspector = CloudInspector(inspect, len(joined.numbers), settings=settings)
     covered = coverages_of(bag)
