@@ -111,7 +111,7 @@ def shifted(poses: list[Pose], by: NDArray) -> list[Pose]:
 def surveyed(bags: list[Bag]) -> dict[str, float]:
     """What the survey of some bags finds, over all its parts, and by which sizes it is off."""
     parts = survey_bags(bags, 'survey', SmallestDent(), '', lambda: None)
-    seen, false, off, missed = 0, 0, [], 0
+    seen, false, off, missed, doubtful = 0, 0, [], 0, 0
     for part in parts:
         dents = [each.dent for each in part.result.dents if each.dent.kind == 'dent']
         depths = np.array([dent.depth.value for dent in dents])
@@ -128,7 +128,9 @@ def surveyed(bags: list[Bag]) -> dict[str, float]:
             taken.add(near[0])
             off.append((depths[near[0]] - depth) / dents[near[0]].depth.uncertainty)
         seen += len(taken)
-        false += len(part.result.dents) - len(taken)
+        doubted = sum('may be the same' in each.dent.reason for each in part.result.dents) // 2
+        doubtful += doubted
+        false += len(part.result.dents) - len(taken) - doubted
     clouds = sum(len(part.joined.numbers) for part in parts)
     return {
         'clouds': clouds,
@@ -136,6 +138,7 @@ def surveyed(bags: list[Bag]) -> dict[str, float]:
         'found': seen,
         'missed': missed,
         'false': false,
+        'twice, and said to be': doubtful,
         'depth over u': root_mean_square(off),
         'm2': sum(part.mosaic.area for part in parts),
     }

@@ -288,11 +288,11 @@ class Joining:
         others = [k for k in self._kept if graph.nodes[k].flight != graph.nodes[number].flight]
         if not others:
             return
-        groups, places = np.array(graph.groups()), self._middles([*others, max(last, 0), number])
+        places = self._middles([*others, max(last, 0), number])
         # This part of a patch from the last that was looked for, one shows hardly more.
         if number - last < 8 and np.linalg.norm(places[-2] - places[-1]) < 0.5 * self._sizes[-1]:
             return
-        self._last_searched = number
+        self._last_searched, groups = number, np.array(graph.groups())
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
         reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self._sizes[-1]

@@ -118,7 +118,7 @@ def test_flights_that_nothing_ties_are_surveyed_each_by_itself(tmp_path, skin):
     for number, off in enumerate(((0, 0, 0), (20.0, 0.3, 0))):
         poses = list(skin.flight(5 - number))
         said = [Pose(each.rotation, each.translation + off) for each in erring(poses, number)]
-        start_ns = START_NS + number * 1000 * SECOND
+        start_ns = START_NS + number * 400 * 86_400 * SECOND
         bags.append(str(record(tmp_path / str(number), skin, poses, said, (), start_ns)))
     store = tmp_path / 'aircraft.sqlite'
     words = ['survey', *bags, '--output', str(tmp_path / 'out'), '--store', str(store)]
@@ -129,6 +129,7 @@ def test_flights_that_nothing_ties_are_surveyed_each_by_itself(tmp_path, skin):
         depths = sorted(each['depth_mm'] for each in found['dents'])
         assert depths == pytest.approx([0.3, 0.5], rel=0.1)
         assert found['remarks'][0].startswith('the clouds are not one skin but 2 parts')
+        assert found['remarks'][1].startswith('400 days are between')
     assert SurveyStore(store).names() == ('spring', 'spring, part 2')
 
 
