@@ -128,7 +128,10 @@ def surveyed(bags: list[Bag]) -> dict[str, float]:
             taken.add(near[0])
             off.append((depths[near[0]] - depth) / dents[near[0]].depth.uncertainty)
         seen += len(taken)
-        doubted = sum('may be the same' in each.dent.reason for each in part.result.dents) // 2
+        # Of two entries that may be one, both say so.
+        reasons = [each.dent.reason for each in part.result.dents]
+        doubted = sum('may be the same' in text for text in reasons) // 2
+        doubted += sum('may be one of theirs' in text for text in reasons)
         doubtful += doubted
         false += len(part.result.dents) - len(taken) - doubted
     clouds = sum(len(part.joined.numbers) for part in parts)

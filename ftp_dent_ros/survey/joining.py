@@ -50,8 +50,7 @@ class Joining:
         # Those that clouds to come may be laid on; and the lesser side of each cloud's, metres.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
         self._sizes: list[float] = []
-        self._last_closed = self._last_slid = -1
-        self._last_searched = -8
+        self._last_closed = self._last_slid = self._last_searched = -1
         # Pairs that may tie flights, if another one says the same.
         self._maybe: list[PairLink] = []
         self.footprints: list[Footprint] = []
@@ -259,44 +258,41 @@ class Joining:
     def _closures(self, number: int) -> list[int]:
         """Of other passes that show the same skin, the nearest cloud of each."""
         others = [each for each in self._kept if self._are_passes(each, number)]
-        last, poses = self._last_closed, self.graph.poses
-        if last >= 0 and not self._are_passes(last, number):
-            apart = np.linalg.norm(poses[last].translation - poses[number].translation)
-            # Pairs on the same skin err alike: this part of a patch from the last that was laid
-            # on another pass, one tells hardly more.
-            others = others if apart >= 0.5 * self._sizes[number] else []
-        if not others:
-            return []
-        both = [*others, number]
-        sizes = np.array([self._sizes[each] for each in both])
-        middles = self._middles(both)
-        far = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
+        others, far = self._around(number, others, self._last_closed)
         # No farther apart than this part of both patches' sizes.
-        near = np.flatnonzero(far < 0.6 * (sizes[:-1] + sizes[-1]))
-        chosen: list[int] = []
+        sizes = np.array([self._sizes[each] for each in others]) + self._sizes[number]
+        near, chosen = np.flatnonzero(far < 0.6 * sizes), list[int]()
         for index in near[np.argsort(far[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
         return chosen[:2]
+
+    def _around(
+        self, number: int, others: list[int], last: int
+    ) -> tuple[list[int], NDArray[np.float64]]:
+        """Other clouds, and how far from each a cloud is; none beside the last that was laid."""
+        places = self._middles([*others, max(last, 0), number])
+        far = np.linalg.norm(places[:-1] - places[-1], axis=1)
+        # Pairs on the same skin err alike: this part of a patch from the last, one tells hardly
+        # more.
+        if last >= 0 and not self._are_passes(last, number) and far[-1] < 0.5 * self._sizes[-1]:
+            return [], far[:0]
+        return others, far[:-1]
 
     def _search(self, number: int) -> None:
         """Look for the skin of a cloud in other flights, as far off as their poses state.
 
         What two pairs say alike ties the flights; what one says may be chance.
         """
-        graph, last = self.graph, self._last_searched
-        others = [k for k in self._kept if graph.nodes[k].flight != graph.nodes[number].flight]
+        graph, flight = self.graph, self.graph.nodes[number].flight
+        others = [each for each in self._kept if graph.nodes[each].flight != flight]
+        others, far = self._around(number, others, self._last_searched)
         if not others:
-            return
-        places = self._middles([*others, max(last, 0), number])
-        # This part of a patch from the last that was looked for, one shows hardly more.
-        if number - last < 8 and np.linalg.norm(places[-2] - places[-1]) < 0.5 * self._sizes[-1]:
             return
         self._last_searched, groups = number, np.array(graph.groups())
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
         reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self._sizes[-1]
-        far = np.linalg.norm(places[:-2] - places[-1], axis=1)
         within = np.array(others)[(groups[others] != groups[number]) & (far < reach)].tolist()
         # So many at once, others each time.
         every = max(1, math.ceil(len(within) / 4))

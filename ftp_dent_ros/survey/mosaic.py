@@ -56,6 +56,12 @@ class Mosaic(Raster):
         column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
         self._owner[row, column] = group
 
+    def owner(self, place: NDArray[np.float64]) -> int:
+        """The group that is drawn at a place of shape (3,); less than 0 where none is."""
+        at = np.floor((self.skin.place(place)[1::-1] - self.low[::-1]) / CELL).astype(int)
+        row, column = np.clip(at, 0, np.array(self._owner.shape) - 1)
+        return int(self._owner[row, column])
+
     def add(self, cloud: Cloud, pose: Pose, found: Inspection | None, group: int = _FREE) -> None:
         """Another cloud, in its camera's frame, and its inspection.
 

@@ -19,6 +19,7 @@ from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
+from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.inspection.inspecting import CloudInspector, Inspected, inspected
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -121,7 +122,7 @@ def _surveyed(
             len(each.sightings),
             skin.relief(each.dent, each.best),
         )
-        for each in dents.entries
+        for each in (skin.doubted(entry, entry.best) for entry in dents.entries)
     )
     joined.remarks[:0] = [sentence(dents.glass)] if dents.glass else []
     result = SurveyResult(
@@ -336,6 +337,16 @@ class FusedSkin:
             yield placed, outcome
             self._progress()
 
+    def doubted(self, entry: ListedDent, number: int) -> ListedDent:
+        """An entry that a cloud shows best, in doubt where more clouds than are tied to it do."""
+        owner, dent = self.mosaic.owner(entry.dent.position), entry.dent
+        sizes = np.bincount(self._groups)
+        if owner < 0 or sizes[owner] <= sizes[self._groups[number]]:
+            return entry
+        reason = 'only poses tell where it lies, and others show that place: may be one of theirs'
+        dent = replace(dent, reason='; '.join(filter(None, (dent.reason, reason))))
+        return replace(entry, dent=dent)
+
     def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
         """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
         if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
@@ -412,7 +423,10 @@ def report_on_skin(
         numbers.append(joined.numbers[each.stamp_ns or 0])
         frames.append(replace(each, covariance=joined.covariances[numbers[-1]]))
     entries = tuple(
-        replace(each, position_covariance=_spread(joined, numbers[each.best - 1], each.dent))
+        replace(
+            skin.doubted(each, numbers[each.best - 1]),
+            position_covariance=_spread(joined, numbers[each.best - 1], each.dent),
+        )
         for each in report.entries
     )
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]

@@ -133,6 +133,21 @@ def test_flights_that_nothing_ties_are_surveyed_each_by_itself(tmp_path, skin):
     assert SurveyStore(store).names() == ('spring', 'spring, part 2')
 
 
+def test_what_a_cloud_shows_that_only_its_pose_places_is_in_doubt(tmp_path, skin):
+    """Its pose lies by 0.1 m, and without an image nothing tells."""
+    poses = list(skin.flight(5))
+    said = erring(poses, 1)
+    said[2] = Pose(said[2].rotation, said[2].translation + np.array([0.1, 0.05, 0]))
+    bag = record(tmp_path / 'flight', skin, poses, said, [('/skin', 2)])
+    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
+    found = json.loads((tmp_path / 'out' / 'survey.json').read_text())
+    sure = [each['depth_mm'] for each in found['dents'] if not each['reason']]
+    assert sorted(sure) == pytest.approx([0.3, 0.5], rel=0.1)
+    doubted = [each for each in found['dents'] if each['reason']]
+    assert doubted and all('may be one of theirs' in each['reason'] for each in doubted)
+    assert found['remarks'][0].startswith('1 of 5 clouds are tied')
+
+
 def test_clouds_without_a_pose_are_used_and_counted(tmp_path, skin):
     poses = list(skin.flight(5))
     said = [pose if k % 2 else None for k, pose in enumerate(erring(poses, 2))]
