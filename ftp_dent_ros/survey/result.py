@@ -92,11 +92,6 @@ class CoverageCells:
     positions: NDArray[np.float32]
     findable: NDArray[np.float32]
 
-    @property
-    def area(self) -> float:
-        """That was measured, square metres."""
-        return len(self.positions) * self.size**2
-
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.positions)

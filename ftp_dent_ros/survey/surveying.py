@@ -329,7 +329,7 @@ class FusedSkin:
             if found is not None:
                 dents, others = (
                     tuple(
-                        _doubted(dent, fusion.shared(pose.apply(dent.position))) for dent in part
+                        _less_sure(dent, fusion.shared(pose.apply(dent.position))) for dent in part
                     )
                     for part in (found.dents, found.others)
                 )
@@ -370,7 +370,7 @@ def _extent(places: Sequence[NDArray[np.float32]]) -> tuple[NDArray, NDArray]:
     return flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
 
 
-def _doubted(dent: MeasuredDent, shared: float) -> MeasuredDent:
+def _less_sure(dent: MeasuredDent, shared: float) -> MeasuredDent:
     """A dent whose depth and volume are as uncertain as what clouds may have in common, metres."""
     part = shared / abs(dent.depth.value)
     depth, volume = (
