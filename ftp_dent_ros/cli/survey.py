@@ -76,6 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
         _print(survey)
         for path in files:
             print(path)
+    stale = arguments.output / f'part-{len(surveys) + 1}'
+    if stale.exists():
+        print(f'{stale}: is of another survey, of before')
     return 0
 
 

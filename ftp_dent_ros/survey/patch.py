@@ -209,18 +209,17 @@ def patch_of(cloud: Cloud) -> SkinPatch:
         It has too few points, or they are no skin that a camera saw.
     """
     valid = cloud.valid
-    points = np.count_nonzero(valid)
     # Of a cubic of rows and columns.
     if min(valid.shape) < 4:
         raise CloudError(
-            'the cloud is {} x {} points, not the grid of a camera: publish it as it was '
-            'measured'.format(*valid.shape)
+            'the cloud has less than 4 rows or columns of points, so that it is not the grid of a '
+            'camera: publish it as it was measured'
         )
     # That tell a plane and the way back to the cloud's grid.
-    if points < 500:
+    if np.count_nonzero(valid) < 500:
         raise CloudError(
-            f'the cloud has only {points} points, too few to lay it on another: '
-            'come closer, or light more'
+            'the cloud has less than 500 points, too few to lay it on another: come closer, or '
+            'light more'
         )
     some = some_of(valid)
     frame = _tangent(cloud.points[some].astype(float))
@@ -250,16 +249,16 @@ def _check_spread(places: Grid, heights: Grid, size: float) -> None:
     sides, high = np.ptp(places, axis=0), float(np.ptp(heights))
     if np.prod(sides) > LARGEST or high > max(sides):
         raise CloudError(
-            'the cloud is spread over {:.3g} m by {:.3g} m by {:.3g} m, which is no skin: correct '
-            'its unit, metres, or its points far off'.format(*sides, high)
+            'the points of the cloud are farther apart than an aircraft is large, or deeper than '
+            'wide, which is no skin: correct its unit, metres, or its points far off'
         )
-    # Neighbours are so much farther apart than points are in the mean, at most: in noise they are
-    # more; and so much nearer, at least, where a thousandth of the picture is lit.
+    # Neighbours are so much farther apart at most: in noise they are more; and so much nearer at
+    # most, where a thousandth of the picture is lit.
     mean = math.sqrt(float(np.prod(sides)) / len(places))
     if not mean / 30 < size < 6 * mean:
         raise CloudError(
-            f'the neighbours in the cloud are {size:.2g} m apart, and its points {mean:.2g} m in '
-            'the mean: they are no skin'
+            'neighbours in the cloud are not about as far apart as its points are in the mean: '
+            'it is noise, or has points far off'
         )
 
 

@@ -203,7 +203,6 @@ def join_bags(
     clouds = len(joining.numbers)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     counted = (
-        *((count, f'messages or clouds are not used: {why}') for why, count in unused.items()),
         (
             unplaced,
             f'of {clouds} clouds have no pose: they are placed by what they share with the others '
@@ -216,6 +215,7 @@ def join_bags(
             f'{"the autopilot" if frame_id else "their shape"} tells where they lie; record /skin '
             'too',
         ),
+        *((count, f'clouds or messages are not used: {why}') for why, count in unused.items()),
     )
     # First what is said of the whole, then cloud by cloud.
     remarks[:0] = _ties(joining, bags[0].path) + [

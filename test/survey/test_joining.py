@@ -173,11 +173,11 @@ def test_odd_clouds_are_refused_with_a_reason_and_change_nothing():
     far[40, 50] = [5e3, 0, 0.8]
     row = good.points.reshape(1, -1, 3), good.intensity.reshape(1, -1)
     odd = {
-        'is no skin': replace(good, points=far),
-        'its unit': replace(good, points=1e3 * good.points),
+        'points far off': replace(good, points=far),
+        'correct its unit': replace(good, points=1e3 * good.points),
         'not the grid of a camera': Cloud(*row),
-        'they are no skin': replace(good, points=rng.normal(size=shape).astype(np.float32)),
-        'the neighbours': replace(good, points=0 * good.points),
+        'it is noise': replace(good, points=rng.normal(size=shape).astype(np.float32)),
+        'neighbours': replace(good, points=0 * good.points),
     }
     joining.add(0, good, poses[0], STATED)
     for number, (reason, cloud) in enumerate(odd.items(), start=1):
