@@ -48,6 +48,7 @@ class Mosaic(Raster):
         )
         self._points = np.zeros((*self.shape, 3), np.float32)
         self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
+        self._steps = np.zeros(self.shape, np.uint8)
         # Of each cell the group of clouds that is drawn there.
         self._owner = np.full(np.array(self.shape) // PIXELS_A_CELL, _FREE)
 
@@ -92,6 +93,9 @@ class Mosaic(Raster):
         self._deviation[window] += np.nan_to_num(deviation)
         self._squares[window] += np.nan_to_num(deviation) ** 2
         self._weight[window] += np.isfinite(deviation)
+        steps = [pose.apply(each.outline) for each in found.others if each.kind == 'step']
+        flat = [(self.skin.place(each)[:, :2] - self.low) / PIXEL for each in steps]
+        cv2.fillPoly(self._steps, [each.astype(np.int32) for each in flat], 1)
         better = np.isfinite(findable) & ~(self._findable[window] <= findable)
         np.copyto(self._findable[window], findable, where=better, casting='same_kind')
         np.copyto(self._noise[window], noise, where=better, casting='same_kind')
@@ -106,12 +110,13 @@ class Mosaic(Raster):
     def deviation(self) -> NDArray[np.float32]:
         """Depth below the undeformed contour, metres; NaN where it is not known.
 
-        So it is where the clouds' contours contradict each other, as beside a lap.
+        So it is on a step, and where the clouds' contours contradict each other, as beside it.
         """
         count = np.maximum(self._weight, 1)
         mean = self._deviation / count
         # What the picture of depths may err by, metres: a fifteenth of its scale.
         is_known = (self._weight > 0) & (self._squares / count - mean**2 < 3e-5**2)
+        is_known &= self._steps == 0
         return np.where(is_known, mean, np.float32(np.nan))
 
     def cloud(self) -> Cloud:

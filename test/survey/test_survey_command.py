@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from bag_samples import SECOND
+from dent_samples import make_dent
 from flown_skin import COLUMNS, ROWS, SPACING, FlownSkin, erring
 from flown_surveys import START_NS, record
 from scipy.spatial.transform import Rotation
@@ -207,18 +208,21 @@ def flat_mosaic():
     return Mosaic(plane, np.array([-0.3, -0.4]), np.array([0.3, 0.4]))
 
 
-def test_the_deviation_is_blank_where_clouds_contradict_each_other():
+def test_the_deviation_is_blank_on_a_step_and_where_clouds_contradict_each_other():
     pose = Pose(Rotation.from_euler('x', np.pi), np.array([0.0, 0.0, 0.8]))
     cloud, mosaic = FlownSkin(3).seen(pose, 1), flat_mosaic()
     for off in (0.0, 1e-4):
         deviation = np.full(cloud.points.shape[:2], 1e-5, np.float32)
         deviation[:, 100:] += off
         known = np.full_like(deviation, 1e-4)
-        mosaic.add(cloud, pose, Inspection((), (), (), deviation, known, known))
+        step = make_dent((-0.08, 0, 0.8), length=0.1, width=0.01, kind='step')
+        mosaic.add(cloud, pose, Inspection((), (step,), (), deviation, known, known))
     shown = mosaic.deviation[mosaic.views > 0]
     np.testing.assert_allclose(shown[np.isfinite(shown)], 1e-5, rtol=1e-3)
     # Of the 170 columns of points.
     assert np.isfinite(shown).mean() == pytest.approx(100 / 170, abs=0.03)
+    u, v = ((np.array([-0.08, 0.0]) - mosaic.low) / mosaic.pitch).astype(int)
+    assert np.isnan(mosaic.deviation[v, u]) and np.isfinite(mosaic.deviation[v + 10, u])
 
 
 @pytest.mark.parametrize('turn', [(0, 0, 0), (0.5 * np.pi, 0, 2.0), (0.1, 0.2, 4.0)])
