@@ -378,14 +378,18 @@ def back_and_forth(rng: np.random.Generator, count: int) -> list[Pose]:
 
 
 def wandering(rng: np.random.Generator, poses: list[Pose], constant: float) -> list[Pose]:
-    """Poses off by as much as `STATED`, of which a share of the variance is constant."""
+    """Poses off by as much as `STATED`, of which a share of the variance is constant.
+
+    And by a little that is another each time.
+    """
     fixed = math.sqrt(constant) * rng.multivariate_normal(np.zeros(6), STATED)
     keep, drift = math.exp(-0.5 / 10), rng.multivariate_normal(np.zeros(6), STATED)
     said = []
     for pose in poses:
         new = rng.multivariate_normal(np.zeros(6), STATED)
         drift = keep * drift + math.sqrt(1 - keep**2) * new
-        error = fixed + math.sqrt(1 - constant) * drift
+        anew = rng.normal(0, np.repeat((3e-3, 1e-3), 3))
+        error = fixed + math.sqrt(1 - constant) * drift + anew
         turn = Rotation.from_rotvec(error[3:])
         said.append(Pose(turn * pose.rotation, pose.translation + error[:3]))
     return said
