@@ -52,10 +52,20 @@ class Mosaic(Raster):
         # Of each cell the group of clouds that is drawn there.
         self._owner = np.full(np.array(self.shape) // PIXELS_A_CELL, _FREE)
 
-    def claim(self, places: NDArray, group: int) -> None:
-        """Have one group of clouds alone drawn at places of shape (n, 2 or more)."""
-        column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
-        self._owner[row, column] = group
+    def claim(self, places: NDArray, share: float, group: int) -> None:
+        """Have one group of clouds alone drawn where its points cover half of a cell.
+
+        Parameters
+        ----------
+        places : ndarray, shape (n, 2 or more)
+        share : float
+            Of a cell, that a point stands for.
+        group : int
+        """
+        at = np.floor((places[:, :2] - self.low) / CELL).astype(int)
+        (column, row), count = np.unique(at.T, axis=1, return_counts=True)
+        is_covered = share * count >= 0.5
+        self._owner[row[is_covered], column[is_covered]] = group
 
     def owner(self, place: NDArray[np.float64]) -> int:
         """The group that is drawn at a place of shape (3,); less than 0 where none is."""
@@ -68,7 +78,7 @@ class Mosaic(Raster):
 
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
         where the points do, and clouds with fewer points than pixels leave no holes. What another
-        group has claimed is not.
+        group has claimed is measured, and not drawn.
         """
         laid = self.laid(cloud, pose, cloud.valid)
         if laid is None:
@@ -77,18 +87,23 @@ class Mosaic(Raster):
         points = remap(cloud.points, u, v, cv2.INTER_NEAREST)
         at = (np.arange(each.start, each.stop) // PIXELS_A_CELL for each in window)
         owner = self._owner[np.ix_(*at)]
-        seen = np.isfinite(points[..., 0]) & ((owner == group) | (owner == _FREE))
+        seen = np.isfinite(points[..., 0])
+        shown = seen & ((owner == group) | (owner == _FREE))
         places = pose.apply(points.astype(float)) - self.skin.origin
         self.views[window] += seen
         self._points[window] += np.where(seen[..., None], places, 0)
-        light = np.where(seen, remap(cloud.skin, u, v, cv2.INTER_NEAREST), 0)
+        light = np.where(shown, remap(cloud.skin, u, v, cv2.INTER_NEAREST), 0)
         self._image[window] += light
         self._seen[window] += light > 0
         if found is None:
             return
         deviation, findable, noise = (
-            np.where(seen, remap(each, u, v, cv2.INTER_NEAREST), np.nan)
-            for each in (found.deviation, found.findable, found.noise)
+            np.where(known, remap(each, u, v, cv2.INTER_NEAREST), np.nan)
+            for known, each in (
+                (shown, found.deviation),
+                (seen, found.findable),
+                (seen, found.noise),
+            )
         )
         self._deviation[window] += np.nan_to_num(deviation)
         self._squares[window] += np.nan_to_num(deviation) ** 2

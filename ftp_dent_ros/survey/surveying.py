@@ -281,7 +281,8 @@ class FusedSkin:
         self.mosaic, sizes = Mosaic(skin, *_extent(places)), np.bincount(self._groups)
         # Where several groups lie, the largest is drawn.
         for number in np.lexsort((self._groups, sizes[self._groups])):
-            self.mosaic.claim(places[number], self._groups[number])
+            share = joined.footprints[number].share
+            self.mosaic.claim(places[number], share, self._groups[number])
         # A cloud by itself has none.
         self._fusions = {
             group: Fusion(

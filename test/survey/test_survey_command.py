@@ -147,6 +147,7 @@ def test_what_a_cloud_shows_that_only_its_pose_places_is_in_doubt(tmp_path, skin
     doubted = [each for each in found['dents'] if each['reason']]
     assert doubted and all('may be one of theirs' in each['reason'] for each in doubted)
     assert found['remarks'][0].startswith('1 of 5 clouds are tied')
+    assert found['coverage']['gaps'] == []
 
 
 def test_clouds_without_a_pose_are_used_and_counted(tmp_path, skin):
