@@ -177,13 +177,11 @@ class Joining:
         return last.covariances(only=[len(last.nodes) - 1])[0]
 
     def _guess(self, stated: Pose | None, flight: int) -> Pose:
-        graph = self.graph
-        if not graph.nodes:
+        if not self.graph.nodes:
             return stated or IDENTITY
-        last, there = graph.nodes[-1], graph.poses[-1]
+        last, there = self.graph.nodes[-1], self.graph.poses[-1]
         if stated is None:
-            # As far from the last one as that from the one before.
-            return there @ (graph.poses[-2:][0].inverse() @ there)
+            return there
         is_told = last.covariance is not None and last.flight == flight
         return there @ last.stated.inverse() @ stated if is_told else stated
 

@@ -43,10 +43,9 @@ class Mosaic(Raster):
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
         super().__init__(skin, low, high, PIXEL, PIXELS_A_CELL)
         self.views = np.zeros(self.shape, np.uint16)
-        self._image, self._seen, self._deviation, self._squares, self._weight = np.zeros(
-            (5, *self.shape), np.float32
+        self._image, self._seen, self._height, self._deviation, self._squares, self._weight = (
+            np.zeros((6, *self.shape), np.float32)
         )
-        self._points = np.zeros((*self.shape, 3), np.float32)
         self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
         self._steps = np.zeros(self.shape, np.uint8)
         # Of each cell the group of clouds that is drawn there.
@@ -83,15 +82,14 @@ class Mosaic(Raster):
         laid = self.laid(cloud, pose, cloud.valid)
         if laid is None:
             return
-        _, window, u, v = laid
-        points = remap(cloud.points, u, v, cv2.INTER_NEAREST)
+        places, window, u, v = laid
+        height = remap(places[..., 2], u, v, cv2.INTER_NEAREST)
         at = (np.arange(each.start, each.stop) // PIXELS_A_CELL for each in window)
         owner = self._owner[np.ix_(*at)]
-        seen = np.isfinite(points[..., 0])
+        seen = np.isfinite(height)
         shown = seen & ((owner == group) | (owner == _FREE))
-        places = pose.apply(points.astype(float)) - self.skin.origin
         self.views[window] += seen
-        self._points[window] += np.where(seen[..., None], places, 0)
+        self._height[window] += np.nan_to_num(height)
         light = np.where(shown, remap(cloud.skin, u, v, cv2.INTER_NEAREST), 0)
         self._image[window] += light
         self._seen[window] += light > 0
@@ -135,19 +133,25 @@ class Mosaic(Raster):
         return np.where(is_known, mean, np.float32(np.nan))
 
     def cloud(self) -> Cloud:
-        """Mean point of each cell, with the skin image as intensity and the noise as sigma."""
-        count, seen, light, *total = (
+        """Middle of each cell, with the skin image as intensity and the noise as sigma."""
+        count, seen, light, total = (
             _by_cell(each).sum(axis=-1)
-            for each in (self.views, self._seen, self._image, *np.moveaxis(self._points, -1, 0))
+            for each in (self.views, self._seen, self._image, self._height)
         )
-        mean = np.stack(total, axis=-1) / np.maximum(count, 1)[..., None] + self.skin.origin
-        points = np.where(count[..., None] > 0, mean, np.nan).astype(np.float32)
+        height = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        middles = self.low + CELL * (np.moveaxis(np.indices(count.shape)[::-1], 0, -1) + 0.5)
+        points = self.skin.points(middles, height).astype(np.float32)
         return Cloud(points, light / np.maximum(seen, 1), _middle(self._noise))
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
         measured, points = self.measured(), self.cloud().points
-        return CoverageCells(CELL, points[measured], _middle(self._findable)[measured])
+        return CoverageCells(CELL, points[measured], self.findable[measured])
+
+    @property
+    def findable(self) -> NDArray[np.float32]:
+        """Of each cell the smallest depth of a dent that would have been found, metres, or NaN."""
+        return np.where(self.measured(), _middle(self._findable), np.float32(np.nan))
 
     def measured(self) -> NDArray[np.bool_]:
         """Mask of the cells of which half or more was measured."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
+from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
@@ -79,44 +79,35 @@ def share_kept(earlier: Node, later: Node, seconds: Any = 5.0) -> Any:
     return is_same * np.exp(-abs(later.seconds - earlier.seconds) / seconds)
 
 
-@dataclass(frozen=True, eq=False)
-class Drift:
+def drift_of(errors: Array, sigmas: Array, seconds: Array) -> Array:
     """How an autopilot's error of a flight changes: one part is constant, the other drifts.
 
-    Attributes
+    The mean of all that may be, by their likelihood, for places and for turns.
+
+    Parameters
     ----------
-    share : ndarray, shape (6,)
-        Of its variance, that drifts.
-    seconds : ndarray, shape (6,)
-        After which that is another one.
+    errors, sigmas : ndarray, shape (n, 6)
+        Of the poses of a flight, but for a constant that nobody knows; and what is stated.
+    seconds : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (2, 6)
+        Share of the variance that drifts, and seconds after which that is another one.
     """
-
-    share: Array
-    seconds: Array
-
-    @classmethod
-    def of(cls, errors: Array, sigmas: Array, seconds: Array) -> Drift:
-        """The mean of all that may be, by their likelihood, for places and for turns.
-
-        Parameters
-        ----------
-        errors, sigmas : ndarray, shape (n, 6)
-            Of the poses of a flight, but for a constant that nobody knows; and what is stated.
-        seconds : ndarray, shape (n,)
-        """
-        shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
-        off, gaps, parts = errors / sigmas, np.diff(seconds)[:, None], []
-        anew = 2 * np.diag(JITTER) / sigmas[1:] ** 2
-        grid = np.array([(share, math.log(time)) for share in shares for time in times])
-        for part in (slice(0, 3), slice(3, 6)):
-            likelihood = [
-                _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), share, anew[:, part])
-                for share, time in grid
-            ]
-            chance = np.exp(np.array(likelihood) - max(likelihood))
-            parts += 3 * [np.average(grid, axis=0, weights=chance)]
-        share, time = np.array(parts).T
-        return cls(share, np.exp(time))
+    shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
+    off, gaps, parts = errors / sigmas, np.diff(seconds)[:, None], []
+    anew = 2 * np.diag(JITTER) / sigmas[1:] ** 2
+    grid = np.array([(share, math.log(time)) for share in shares for time in times])
+    for part in (slice(0, 3), slice(3, 6)):
+        likelihood = [
+            _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), share, anew[:, part])
+            for share, time in grid
+        ]
+        chance = np.exp(np.array(likelihood) - max(likelihood))
+        parts += 3 * [np.average(grid, axis=0, weights=chance)]
+    share, time = np.array(parts).T
+    return np.stack([share, np.exp(time)])
 
 
 def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
@@ -131,7 +122,7 @@ def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
 
 
 # As long as a flight does not tell: all of an error drifts.
-_UNKNOWN = Drift(np.ones(6), np.full(6, 5.0))
+_UNKNOWN = np.stack([np.ones(6), np.full(6, 5.0)])
 
 
 class PoseGraph:
@@ -155,8 +146,8 @@ class PoseGraph:
         # The poses once more, in arrays.
         self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self._all_moved, self._is_strained = 0, False
-        #: Of the flights that tell it, once all poses are known.
-        self.drifts: dict[int, Drift] = {}
+        #: Of the flights that tell it, as of `drift_of`, once all poses are known.
+        self.drifts: dict[int, Array] = {}
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
@@ -237,7 +228,7 @@ class PoseGraph:
             # Of poses that nothing ties, errors are not known: those of the most are taken.
             tied = groups == np.bincount(groups[groups >= 0]).argmax()
             if tied.sum() > 2:
-                drifts[int(flight)] = Drift.of(errors[tied], sigmas[tied], seconds[tied])
+                drifts[int(flight)] = drift_of(errors[tied], sigmas[tied], seconds[tied])
         self.drifts = drifts
         self.solve()
 
@@ -309,15 +300,13 @@ class PoseGraph:
         jacobian, weighted = terms.weighted(*start, errors, 1.0)
         solver = _factored(weighted @ jacobian)
         bent = solver.solve(weighted @ terms.common.reshape(-1, 6)).reshape(-1, 6, 6)
-        wanted = np.arange(len(self.nodes)) if only is None else np.asarray(only)
-        blocks = np.empty((len(wanted), 6, 6))
-        for index, number in enumerate(wanted):
-            unit = np.zeros((6 * terms.count, 6))
-            unit[6 * number : 6 * number + 6] = np.eye(6)
-            own = solver.solve(unit)[6 * number : 6 * number + 6]
-            own = own + bent[number] @ COMMON @ bent[number].T
-            blocks[index] = (own + own.T) / 2
-        return spread_of_shift(blocks)
+        units, blocks = identity(6 * terms.count, format='csc'), []
+        for number in range(len(self.nodes)) if only is None else only:
+            own = slice(6 * number, 6 * number + 6)
+            block = solver.solve(units[:, own].toarray())[own]
+            block = block + bent[number] @ COMMON @ bent[number].T
+            blocks.append((block + block.T) / 2)
+        return spread_of_shift(np.array(blocks))
 
     def groups(self, joins: Sequence[tuple[int, int]] = ()) -> list[int]:
         """Number of the group that each pose belongs to: those that links join, or others."""
@@ -356,16 +345,11 @@ def _stepped(
         jacobian, weighted = terms.weighted(turns, places, errors, each)
         gradient = weighted @ errors.ravel()
         step = -_factored(weighted @ jacobian).solve(gradient).reshape(-1, 6)
-        before, gain = terms.cost(errors, each), 0.0
-        # A step is halved so often at most.
-        for _ in range(12):
-            there = _moved(turns, places, terms.fixed, step)
-            off = terms.errors(*there)
-            gain = before - terms.cost(off, each)
-            if gain >= 0:
-                (turns, places), errors = there, off
-                break
-            step /= 2
+        there = _moved(turns, places, terms.fixed, step)
+        off = terms.errors(*there)
+        gain = terms.cost(errors, each) - terms.cost(off, each)
+        if gain >= 0:
+            (turns, places), errors = there, off
         # Metres and radians; and variances that are no gain.
         size, is_gain = np.abs(step).max(), gain > 1e-4
         if tolerance == 1 and (size < 1e-7 or not is_gain):
@@ -512,29 +496,32 @@ def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any,
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
     for index, node in enumerate(nodes[fixed:], fixed):
         last, flight = last_stated.get(index), node.flight
-        drift, constant = graph.drifts.get(flight, _UNKNOWN), constants.get(flight, index)
+        (share, seconds), constant = (
+            graph.drifts.get(flight, _UNKNOWN),
+            constants.get(flight, index),
+        )
         bias = always if flight in constants else nothing
         if node.covariance is None:
             is_adrift = index == 0 and anchor is None and not stated
             spread = _ANCHOR if is_adrift else _UNTOLD
             terms.append((index, index, index, nothing, nothing, spread))
         elif last is not None and nodes[last].flight == flight:
-            keep = share_kept(nodes[last], node, drift.seconds)
+            keep = share_kept(nodes[last], node, seconds)
             rest, bias = 1 - keep**2, bias * (1 - keep)
             if anchor is not None:
                 # Seen from a pose that errs itself, errors differ ever more.
                 rest, keep, bias = 2 * (1 - keep), always, nothing
-            spread = _part(node.covariance, rest * drift.share) + 2 * JITTER
+            spread = _part(node.covariance, rest * share) + 2 * JITTER
             terms.append((index, last, constant, keep, bias, spread))
         elif anchor is None:
-            spread = _part(node.covariance, drift.share)
+            spread = _part(node.covariance, share)
             terms.append((index, index, constant, nothing, bias, spread))
         elif nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
             terms.append((index, index, index, nothing, nothing, 2 * node.covariance))
     for flight, at in constants.items():
         first = next((nodes[k].covariance for k in stated if nodes[k].flight == flight), None)
-        rest = _part(_ANCHOR if first is None else first, 1 - graph.drifts[flight].share)
+        rest = _part(_ANCHOR if first is None else first, 1 - graph.drifts[flight][0])
         terms.append((at, at, at, nothing, nothing, rest))
     if anchor is not None:
         terms.append((anchor, anchor, anchor, nothing, nothing, _ANCHOR))

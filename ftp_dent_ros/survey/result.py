@@ -40,6 +40,12 @@ class DentRelief:
         v, u = np.mgrid[:rows, :columns].astype(float)
         return (u - columns // 2) * self.spacing, (v - rows // 2) * self.spacing
 
+    def plane(self, dent: MeasuredDent, slide: Array | tuple[float, float] = (0, 0)) -> Array:
+        """Points of the grid, slid along it and across, in the plane through a dent, (..., 3)."""
+        across = np.cross(dent.normal, dent.axis)
+        aside = np.stack(self.places(), axis=-1) + slide
+        return dent.position + aside @ np.stack([dent.axis, across])
+
     def above(self, places: Array, dent: MeasuredDent) -> Array:
         """Heights of the skin above places of shape (..., 3), by the dent that it is about."""
         off, half = places - dent.position, np.array(self.heights.shape) // 2

@@ -118,11 +118,11 @@ def _surveyed(
         SurveyedDent(
             each.number,
             replace(each.dent, reason=each.reason),
-            _spread(joined, each.best, each.dent),
+            each.position_covariance,
             len(each.sightings),
             skin.relief(each.dent, each.best),
         )
-        for each in (skin.doubted(entry, entry.best) for entry in dents.entries)
+        for each in (skin.placed(entry, entry.best) for entry in dents.entries)
     )
     joined.remarks[:0] = [sentence(dents.glass)] if dents.glass else []
     result = SurveyResult(
@@ -137,12 +137,6 @@ def _surveyed(
         software=__version__,
     )
     return Surveyed(result, skin.mosaic, joined)
-
-
-def _spread(joined: Joining, number: int, dent: MeasuredDent) -> NDArray[np.float64]:
-    """Covariance of a dent's place by that of a cloud, with what all places have in common."""
-    pose, covariance = joined.graph.poses[number], joined.covariances[number]
-    return position_covariance(dent.position, pose, covariance)
 
 
 def join_bags(
@@ -338,15 +332,21 @@ class FusedSkin:
             yield placed, outcome
             self._progress()
 
-    def doubted(self, entry: ListedDent, number: int) -> ListedDent:
-        """An entry that a cloud shows best, in doubt where more clouds than are tied to it do."""
-        owner, dent = self.mosaic.owner(entry.dent.position), entry.dent
-        sizes = np.bincount(self._groups)
-        if owner < 0 or sizes[owner] <= sizes[self._groups[number]]:
-            return entry
-        reason = 'only poses tell where it lies, and others show that place: may be one of theirs'
-        dent = replace(dent, reason='; '.join(filter(None, (dent.reason, reason))))
-        return replace(entry, dent=dent)
+    def placed(self, entry: ListedDent, number: int) -> ListedDent:
+        """An entry that a cloud shows best, as uncertain as that cloud's place is.
+
+        It is in doubt where more clouds than are tied to that one show the place.
+        """
+        dent, joined = entry.dent, self._joined
+        known = joined.graph.poses[number], joined.covariances[number]
+        owner, sizes = self.mosaic.owner(dent.position), np.bincount(self._groups)
+        if owner >= 0 and sizes[owner] > sizes[self._groups[number]]:
+            doubt = (
+                'only poses tell where it lies, and others show that place: may be one of theirs'
+            )
+            dent = replace(dent, reason='; '.join(filter(None, (dent.reason, doubt))))
+        spread = position_covariance(dent.position, *known)
+        return replace(entry, dent=dent, position_covariance=spread)
 
     def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
         """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
@@ -358,9 +358,7 @@ class FusedSkin:
         spacing = max(PIXEL, 2 * float(halves.max()) / 80)
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
-        a, b = DentRelief(spacing, empty).places()
-        across = np.cross(dent.normal, dent.axis)
-        plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
+        plane = DentRelief(spacing, empty).plane(dent)
         heights = (self._fusion(number).heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
 
@@ -423,13 +421,7 @@ def report_on_skin(
     for each in report.frames:
         numbers.append(joined.numbers[each.stamp_ns or 0])
         frames.append(replace(each, covariance=joined.covariances[numbers[-1]]))
-    entries = tuple(
-        replace(
-            skin.doubted(each, numbers[each.best - 1]),
-            position_covariance=_spread(joined, numbers[each.best - 1], each.dent),
-        )
-        for each in report.entries
-    )
+    entries = tuple(skin.placed(each, numbers[each.best - 1]) for each in report.entries)
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
     shown = skin_of(skin.mosaic, entries, facts, joined.remarks)
     return replace(report, frames=tuple(frames), entries=entries, skin=shown), joined
