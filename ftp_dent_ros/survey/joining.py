@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import IDENTITY, Pose
-from ftp_dent_ros.rigid import about
+from ftp_dent_ros.rigid import seen_along
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
@@ -351,8 +351,7 @@ def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.floa
     part = graph.part(numbers)
     at = numbers.index(first)
     covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
-    turn = np.kron(np.eye(2), graph.poses[first].rotation.as_matrix())
-    return turn.T @ covariance @ turn
+    return seen_along(covariance, graph.poses[first].rotation.as_matrix(), np.zeros(3))
 
 
 def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
@@ -362,11 +361,8 @@ def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.
         # Of a cloud's place seen from the one before: metres, radians.
         return np.diag([0.08**2] * 3 + [0.03**2] * 3) * max(1, min(second - first, 3))
     changed = 1 - share_kept(a, b)
-    spread = (a.covariance + b.covariance) * changed + 2 * JITTER
-    # The first one's turn moves what lies at the end of the arm.
     here, there = graph.poses[first], graph.poses[second]
-    carried = np.zeros((6, 6))
-    carried[:3, 3:] = about(there.translation - here.translation)[:, 3:]
-    spread = spread + carried @ (a.covariance * changed + JITTER) @ carried.T
-    turn = np.kron(np.eye(2), here.rotation.as_matrix())
-    return turn.T @ spread @ turn
+    axes, arm = here.rotation.as_matrix(), there.translation - here.translation
+    # The first one's turn moves what lies at the end of the arm.
+    by_first = seen_along(a.covariance * changed + JITTER, axes, arm)
+    return by_first + seen_along(b.covariance * changed + JITTER, axes, np.zeros(3))

@@ -223,11 +223,8 @@ def patch_of(cloud: Cloud) -> SkinPatch:
         )
     some = some_of(valid)
     frame = _tangent(cloud.points[some].astype(float))
-    back = frame.inverse()
-    matrix = np.column_stack([back.rotation.as_matrix(), back.translation])
-    everywhere = cloud.points.astype(np.float32, copy=False)
-    places: Any = cv2.transform(everywhere, matrix[:2])
-    heights: Any = cv2.transform(everywhere, matrix[2:])
+    everywhere = frame.inverse().apply(cloud.points.astype(np.float32, copy=False))
+    places, heights = np.ascontiguousarray(everywhere[..., :2]), everywhere[..., 2]
     place = places[some].astype(float)
     # Of the grid, by the cloud's own spacing.
     steps = np.linalg.norm(np.diff(everywhere[:: max(1, len(everywhere) // 24)], axis=1), axis=-1)

@@ -19,7 +19,7 @@ from scipy.signal import correlate
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import about, moved, moved_along, twist_between
+from ftp_dent_ros.rigid import moved, moved_along, seen_along, twist_between
 from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint, paints
 from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
@@ -86,7 +86,9 @@ def register(
     centre = _centre(first, few, start)
     is_painted = first.light is not None and second.light is not None
     for each in [doubt] if known is None else [known, doubt][: 1 + is_painted]:
-        near = Guess(start, centre, _doubt_at(first, guess, each, centre))
+        arm = first.frame.apply(centre) - guess.translation
+        axes = first.frame.rotation.as_matrix()
+        near = Guess(start, centre, seen_along(each, axes, arm))
         best, found, remark = start, None, _NO_PAINT
         if not near.is_right:
             best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
@@ -251,15 +253,6 @@ def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float6
     if met.sum() < max(_LEAST_FEW, LEAST_OVERLAP * len(place)):
         raise UnlikePairError(_APART)
     return place[met].mean(axis=0)
-
-
-def _doubt_at(first, guess, doubt, centre):
-    """Covariance of a guess, as of the shift of the centre and the turn, first patch's axes."""
-    arm = first.frame.apply(centre) - guess.translation
-    carried = np.eye(6)
-    carried[:3] = about(arm)
-    turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
-    return turn.T @ carried @ doubt @ carried.T @ turn
 
 
 @dataclass(frozen=True, eq=False)
