@@ -145,7 +145,7 @@ class PoseGraph:
         self._misfits: dict[int, float] = {}
         # The poses once more, in arrays.
         self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
-        self._all_moved, self._is_strained = 0, False
+        self._all_moved = 0
         #: Of the flights that tell it, as of `drift_of`, once all poses are known.
         self.drifts: dict[int, Array] = {}
 
@@ -198,20 +198,13 @@ class PoseGraph:
         return some
 
     def update(self) -> None:
-        """Move the last poses, and all where that does not do, after a pose and its links came."""
+        """Move the last poses, and now and then all, after a pose and its links came."""
         number = len(self.nodes) - 1
-        # Poses that move as clouds come. All move where a pair with an earlier one strains them,
-        # but for a rest of this share of them; and at once after so many clouds, and such a share.
-        fixed = max(0, number - 20)
-        self.solve(fixed)
-        newest = range(self.first_link(number), len(self.links))
-        self._is_strained |= any(
-            self._misfits.get(k, 0.0) > _HALF for k in newest if self.links[k].first < fixed
-        )
-        rest = 0.02 * number if self._is_strained else max(100, 0.25 * number)
-        if number - self._all_moved >= rest:
+        # Poses that move as each cloud comes; and clouds, and their share, after which all do.
+        self.solve(max(0, number - 20))
+        if number - self._all_moved >= max(4, 0.05 * number):
             self.solve()
-            self._all_moved, self._is_strained = number, False
+            self._all_moved = number
 
     def settle(self) -> None:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
