@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.raster import Grid, cells, polynomial, remap, some_of
+from ftp_dent_ros.survey.raster import Grid, cells, remap, some_of
 from ftp_dent_ros.survey.unrolled import LARGEST
 
 # Of grey levels; 0 is no skin.
@@ -123,8 +123,7 @@ class SkinPatch:
         assert logarithm is not None
         known = np.isfinite(logarithm)
         share = known.astype(np.float32)
-        # What is left of the light is level, so that windows may be one-sided at the rim.
-        values = np.where(known, logarithm - _light(logarithm, known), np.float32(0))
+        values = np.where(known, logarithm, np.float32(0))
         # Light changes slowly along the skin, paint does not: standard deviation of what is taken
         # off, metres.
         light = 0.006 / self.pitch
@@ -276,17 +275,6 @@ def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
     along_x = cv2.Sobel(field, cv2.CV_32F, 1, 0, ksize=1, scale=scale)
     along_y = cv2.Sobel(field, cv2.CV_32F, 0, 1, ksize=1, scale=scale)
     return along_x, along_y
-
-
-def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
-    """Polynomial through a logarithm of light, by some of its cells."""
-    row, column = some_of(known, 1500)
-    if not len(row):
-        return np.zeros_like(logarithm)
-    place, values = np.stack([column, row], axis=-1).astype(float), logarithm[row, column]
-    through = polynomial(place, values[:, None].astype(float))
-    rows, columns = (np.arange(float(size)) for size in logarithm.shape)
-    return through(columns, rows)[0].T.astype(np.float32)
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:

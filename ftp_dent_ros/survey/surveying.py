@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.seen import SeenCloud
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
@@ -315,17 +316,14 @@ class FusedSkin:
         graph = self._joined.graph
         among_them = graph.covariances(anchor=len(graph.poses) // 2)
         for item, pose, number in self._clouds(photographs):
-            fusion, covariance = self._fusion(number), among_them[number]
-            cloud = fusion.fused(item.cloud, pose)
+            cloud, covariance = self._fusion(number).fused(item.cloud, pose), among_them[number]
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
             self.mosaic.add(cloud, pose, found, self._groups[number])
             if found is not None:
                 dents, others = (
-                    tuple(
-                        _less_sure(dent, fusion.shared(pose.apply(dent.position))) for dent in part
-                    )
+                    tuple(_less_sure(dent, item.cloud, cloud) for dent in part)
                     for part in (found.dents, found.others)
                 )
                 outcome = Inspected(replace(found, dents=dents, others=others))
@@ -369,8 +367,16 @@ def _extent(places: Sequence[NDArray[np.float32]]) -> tuple[NDArray, NDArray]:
     return flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
 
 
-def _less_sure(dent: MeasuredDent, shared: float) -> MeasuredDent:
-    """A dent whose depth and volume are as uncertain as what clouds may have in common, metres."""
+def _less_sure(dent: MeasuredDent, cloud: Cloud, fused: Cloud) -> MeasuredDent:
+    """A dent of a fused cloud, its depth and volume as uncertain as the cloud by itself is there.
+
+    What windows take of a dent, and the rig's errors, all clouds may have in common: that makes no
+    dent of bare skin, but does not average out of a dent's depth either.
+    """
+    # Points about the middle, metres.
+    near = np.linalg.norm(cloud.points - dent.position, axis=-1) < 0.006
+    known = cloud.sigma[near & (fused.sigma < cloud.sigma)]
+    shared = math.sqrt(float(np.square(known).mean())) if len(known) else 0.0
     part = shared / abs(dent.depth.value)
     depth, volume = (
         Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
