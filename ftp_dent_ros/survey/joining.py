@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,13 +124,10 @@ class Joining:
         Clouds are tied by what they share; and those of a flight that have poses, by these.
         """
         graph = self.graph
-        last: dict[int, int] = {}
-        chain = []
-        for number, node in enumerate(graph.nodes):
-            if node.covariance is not None:
-                chain.append((last.get(node.flight, number), number))
-                last[node.flight] = number
-        found = np.array(graph.groups(chain))
+        placed = [k for k, node in enumerate(graph.nodes) if node.covariance is not None]
+        found = graph.groups(
+            [(a, b) for a, b in pairwise(placed) if graph.nodes[a].flight == graph.nodes[b].flight]
+        )
         return [
             self._part(np.flatnonzero(found == part).tolist())
             for part in np.argsort(-np.bincount(found), kind='stable')
@@ -287,7 +285,7 @@ class Joining:
         others, far = self._around(number, others, self._last_searched)
         if not others:
             return
-        self._last_searched, groups = number, np.array(graph.groups())
+        self._last_searched, groups = number, graph.groups()
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
         reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self._sizes[-1]

@@ -183,18 +183,15 @@ class PoseGraph:
         What the autopilot says of two says the same of them whether poses lie between or not.
         """
         place = {number: index for index, number in enumerate(numbers)}
-        left_out = set() if with_left_out else self.left_out
+        left_out, start = set() if with_left_out else self.left_out, self.first_link(numbers[0])
         some = PoseGraph()
         some.drifts = self.drifts
         for number in numbers:
             some.add(self.nodes[number], self.poses[number])
-        for index in range(self.first_link(numbers[0]), len(self.links)):
-            link = self.links[index]
+        for index, link in enumerate(self.links[start:], start):
             if link.first in place and link.second in place and index not in left_out:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
-                some.links.append(
-                    replace(link, first=place[link.first], second=place[link.second])
-                )
+                some.link(place[link.first], place[link.second], link.relative)
         return some
 
     def update(self) -> None:
@@ -301,21 +298,17 @@ class PoseGraph:
             blocks.append((block + block.T) / 2)
         return spread_of_shift(np.array(blocks))
 
-    def groups(self, joins: Sequence[tuple[int, int]] = ()) -> list[int]:
+    def groups(self, joins: Sequence[tuple[int, int]] = ()) -> NDArray[np.intp]:
         """Number of the group that each pose belongs to: those that links join, or others."""
-        left_out = self.left_out
-        joins = [
-            *joins,
-            *(
-                (link.first, link.second)
-                for index, link in enumerate(self.links)
-                if index not in left_out and link.relative.rank == 6
-            ),
-        ]
-        first, second = np.array(joins, int).reshape(-1, 2).T
-        size = len(self.nodes)
-        joined = coo_matrix((np.ones(len(joins)), (first, second)), shape=(size, size))
-        return connected_components(joined, directed=False)[1].tolist()
+        size, left_out = len(self.nodes), self.left_out
+        tied = (
+            (link.first, link.second)
+            for index, link in enumerate(self.links)
+            if index not in left_out and link.relative.rank == 6
+        )
+        ends = np.array([*joins, *tied], int).reshape(-1, 2)
+        joined = coo_matrix((np.ones(len(ends)), ends.T), shape=(size, size))
+        return connected_components(joined, directed=False)[1]
 
 
 def _factored(matrix: Any) -> Any:

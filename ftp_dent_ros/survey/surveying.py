@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -272,7 +271,7 @@ class FusedSkin:
         self._bags, self._joined, self._progress = bags, joined, progress
         skin, places = unrolled(joined.footprints, joined.graph.poses)
         #: Number of the group of each cloud: what is not tied is not averaged.
-        self._groups = np.array(joined.graph.groups())
+        self._groups = joined.graph.groups()
         self.mosaic, sizes = Mosaic(skin, *_extent(places)), np.bincount(self._groups)
         # Where several groups lie, the largest is drawn.
         for number in np.lexsort((self._groups, sizes[self._groups])):
@@ -297,10 +296,9 @@ class FusedSkin:
     def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose, int]]:
         """The clouds that were joined, each the first time that it comes, poses and numbers."""
         graph, numbers = self._joined.graph, dict(self._joined.numbers)
-        flights = {node.flight for node in graph.nodes}
-        for flight, bag in enumerate(self._bags):
-            of_bag = partial(bag_clouds, bag, photographs=photographs, unplaced=True)
-            for item in of_bag() if flight in flights else ():
+        for flight in sorted({node.flight for node in graph.nodes}):
+            bag = self._bags[flight]
+            for item in bag_clouds(bag, photographs=photographs, unplaced=True):
                 number = numbers.pop(item.stamp_ns, None)
                 if number is not None:
                     yield item, graph.poses[number], number
@@ -423,11 +421,12 @@ def report_on_skin(
         coverage = covered.get(item.stamp_ns)
         inspector.take(replace(item, frame_id=joined.frame_id, coverage=coverage), outcome)
     report = inspector.report(str(bag.path), rig, camera, rules)
-    frames, numbers = [], []
-    for each in report.frames:
-        numbers.append(joined.numbers[each.stamp_ns or 0])
-        frames.append(replace(each, covariance=joined.covariances[numbers[-1]]))
+    numbers = [joined.numbers[each.stamp_ns or 0] for each in report.frames]
+    frames = tuple(
+        replace(each, covariance=joined.covariances[number])
+        for each, number in zip(report.frames, numbers, strict=True)
+    )
     entries = tuple(skin.placed(each, numbers[each.best - 1]) for each in report.entries)
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
     shown = skin_of(skin.mosaic, entries, facts, joined.remarks)
-    return replace(report, frames=tuple(frames), entries=entries, skin=shown), joined
+    return replace(report, frames=frames, entries=entries, skin=shown), joined
