@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import cached_property, partial
 from itertools import pairwise
 
@@ -222,17 +221,18 @@ class Joining:
             self._last_slid = second
         return self._last_slid == second
 
-    def _laid(self, first: int, second: int) -> RelativePose | None:
-        """Pose of a cloud seen from an earlier one; None if it does not fit."""
-        patches = self._kept[first](), self._kept[second]()
-        guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
-        is_known = bool(self.graph.links) and self.graph.links[-1].second == second
-        known = doubt_by_links(self.graph, first, second) if is_known else None
-        doubt = doubt_by_autopilot(self.graph, first, second)
+    def _laid(self, first: int, second: int, is_far: bool = False) -> RelativePose | None:
+        """Pose of a cloud seen from an earlier one, however far off; None if it does not fit."""
+        graph, patches = self.graph, (self._kept[first](), self._kept[second]())
+        guess = graph.poses[first].inverse() @ graph.poses[second]
+        if is_far:
+            guess = laid_over(*patches, guess)
+        is_known = not is_far and bool(graph.links) and graph.links[-1].second == second
+        known = doubt_by_links(graph, first, second) if is_known else None
         try:
-            return register(*patches, guess, doubt, known)
+            return register(*patches, guess, doubt_by_autopilot(graph, first, second), known)
         except UnlikePairError as reason:
-            if second - first == 1:
+            if second - first == 1 and not is_far:
                 self.remarks.append(self._about(first, second, str(reason)))
             return None
 
@@ -293,13 +293,9 @@ class Joining:
         # So many at once, others each time.
         every = max(1, math.ceil(len(within) / 4))
         for other in within[number % every :: every]:
-            patches = self._kept[other](), self._kept[number]()
-            guess = graph.poses[other].inverse() @ graph.poses[number]
-            doubt = doubt_by_autopilot(graph, other, number)
-            with suppress(UnlikePairError):
-                found = register(*patches, laid_over(*patches, guess), doubt)
-                if not found.remark and found.rank == 6:
-                    self._take(PairLink(other, number, found))
+            found = self._laid(other, number, is_far=True)
+            if found is not None and not found.remark and found.rank == 6:
+                self._take(PairLink(other, number, found))
 
     def _take(self, link: PairLink) -> None:
         """Tie two flights by a pair if another one says the same."""

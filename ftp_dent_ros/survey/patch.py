@@ -306,8 +306,7 @@ def unfolded(make: Callable[[], SkinPatch]) -> SkinPatch:
 
 
 def _made(frame: Pose, pitch: float, corner: NDArray[np.float64], grids: list[Any]) -> SkinPatch:
-    layers: list[Any] = [None if each is None else _unfolded(*each) for each in grids]
-    return SkinPatch(frame, pitch, corner, *layers)
+    return SkinPatch(frame, pitch, corner, *(each and _unfolded(*each) for each in grids))
 
 
 def _folded(grid: Grid, least: float) -> tuple[NDArray[np.uint8], float, float]:
