@@ -224,8 +224,6 @@ class PoseGraph:
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
-        if fixed >= len(self.nodes):
-            return
         terms, start = Terms(self, fixed), self._start()
         # Those that contradicted the others before count from the first step on by how they fit.
         doubted = np.isin(terms.links, list(self.left_out) if fixed else [])
