@@ -98,9 +98,8 @@ class Joining:
         self.footprints.append(footprint)
         self._kept[number] = lambda: patch
         before = [number - back for back in _BACK if number >= back]
-        for other in before:
-            if self.graph.nodes[other].flight == flight:
-                self._join(other, number)
+        for other in (each for each in before if self.graph.nodes[each].flight == flight):
+            self._join(other, number)
         for other in self._closures(number):
             self._join(other, number)
         self._search(number)
