@@ -329,11 +329,16 @@ def _stepped(
         jacobian, weighted = terms.weighted(turns, places, errors, each)
         gradient = weighted @ errors.ravel()
         step = -_factored(weighted @ jacobian).solve(gradient).reshape(-1, 6)
-        there = _moved(turns, places, terms.fixed, step)
-        off = terms.errors(*there)
-        gain = terms.cost(errors, each) - terms.cost(off, each)
-        if gain >= 0:
-            (turns, places), errors = there, off
+        before, gain = terms.cost(errors, each), 0.0
+        # A step is halved so often at most.
+        for _ in range(12):
+            there = _moved(turns, places, terms.fixed, step)
+            off = terms.errors(*there)
+            gain = before - terms.cost(off, each)
+            if gain >= 0:
+                (turns, places), errors = there, off
+                break
+            step /= 2
         # Metres and radians; and variances that are no gain.
         size, is_gain = np.abs(step).max(), gain > 1e-4
         if tolerance == 1 and (size < 1e-7 or not is_gain):
