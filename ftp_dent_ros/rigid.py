@@ -29,6 +29,21 @@ def about(lever: Array) -> Array:
     return np.hstack([np.eye(3), -crossed(lever)])
 
 
+def seen_along(covariance: Array, axes: Array, arm: Array) -> Array:
+    """Covariance of an error (shift, turn), as of the shift at an arm, along other axes.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (6, 6)
+    axes : ndarray, shape (3, 3)
+        The other axes, columns.
+    arm : ndarray, shape (3,)
+        From where the error shifts to where it is asked for, metres.
+    """
+    change = np.kron(np.eye(2), axes).T @ np.vstack([about(arm), np.eye(3, 6, 3)])
+    return change @ covariance @ change.T
+
+
 def moved(pose: Pose, step: Array, centre: Array) -> Pose:
     """A pose after a shift of a centre and a turn about it, shape (6,)."""
     return move_about(step, centre) @ pose

@@ -15,6 +15,7 @@ from ftp_dent_ros.rig.rig import read_rig
 
 if TYPE_CHECKING:
     from ftp_dent_ros.recording.reader import Bag
+    from ftp_dent_ros.survey.surveying import Surveyed
 
 # Lines of each that a terminal shows; survey.json has all.
 _REMARKS, _GAPS = 12, 6
@@ -61,15 +62,32 @@ def run(arguments: argparse.Namespace) -> int:
         store.check_new(name)
     count = sum(count_clouds(bag)[0] for bag in bags)
     with progress_bar('surveying', 3 * count, 'cloud') as bar:
-        survey = survey_bags(bags, name, smallest_of(arguments), rig_id, bar.update)
-    result, frame = survey.result, None
-    if arguments.points:
-        frame = aircraft_frame(read_reference_points(arguments.points, result))
-    files = write_survey(arguments.output, survey, frame)
-    if store:
-        store.add(result)
-    (used, left_out), remarks = survey.joined.pairs, survey.joined.remarks
-    print(f'{len(survey.joined.numbers)} clouds, joined by {used} pairs; {left_out} left out')
+        surveys = survey_bags(bags, name, smallest_of(arguments), rig_id, bar.update)
+    for number, survey in enumerate(surveys, 1):
+        frame = None
+        # Reference points are those of the first part, whose pictures they were picked in.
+        if arguments.points and number == 1:
+            points = read_reference_points(arguments.points, survey.result)
+            frame = aircraft_frame(points)
+        folder = arguments.output / f'part-{number}' if number > 1 else arguments.output
+        files = write_survey(folder, survey, frame)
+        if store:
+            store.add(survey.result)
+        _print(survey)
+        for path in files:
+            print(path)
+    stale = arguments.output / f'part-{len(surveys) + 1}'
+    if stale.exists():
+        print(f'{stale}: is of another survey, of before')
+    return 0
+
+
+def _print(survey: Surveyed) -> None:
+    """What was found, for the terminal."""
+    result, remarks = survey.result, survey.joined.remarks
+    used, left_out = survey.joined.pairs
+    clouds = len(survey.joined.numbers)
+    print(f'{result.name}: {clouds} clouds, joined by {used} pairs; {left_out} left out')
     for text in remarks[:_REMARKS]:
         print(f'  {text}')
     if len(remarks) > _REMARKS:
@@ -84,14 +102,11 @@ def run(arguments: argparse.Namespace) -> int:
             f'length {dent.length.value * 1e3:.1f} mm, width {dent.width.value * 1e3:.1f} mm, '
             f'seen {each.sightings} times' + (f', {dent.reason}' if dent.reason else '')
         )
-    print(f'{result.coverage.area:.3f} m2 of the skin were measured')
+    print(f'{survey.mosaic.area:.3f} m2 of the skin were measured')
     for gap in survey.mosaic.gaps()[0][:_GAPS]:
         x, y = gap.place
         width, height = gap.size * 1e3
         print(f'  not measured: {width:.0f} mm by {height:.0f} mm at x {x:.3f} m, y {y:.3f} m')
-    for path in files:
-        print(path)
-    return 0
 
 
 def _rig_of(bags: Sequence[Bag], given: Path | None) -> str:

@@ -17,7 +17,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from visualization_msgs.msg import MarkerArray
 
-from ftp_dent_ros.errors import FtpDentError, PoseError
+from ftp_dent_ros.errors import CloudError, FtpDentError, PoseError
 from ftp_dent_ros.nodes.matching import Matched, MessageMatcher
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import SurveySettings
@@ -26,7 +26,7 @@ from ftp_dent_ros.ros.dent_messages import coverage_to_markers
 from ftp_dent_ros.ros.diagnostics import OK, WARN, Verdict
 from ftp_dent_ros.ros.messages import covariant_pose_message, make_header, pose_stamped_message
 from ftp_dent_ros.ros.qos import LATCHED, POSES
-from ftp_dent_ros.survey.footprint import Footprint, seen_skin
+from ftp_dent_ros.survey.footprint import Footprint, SeenSkin
 from ftp_dent_ros.survey.joining import Joining
 
 
@@ -109,9 +109,10 @@ class Survey(PayloadNode[SurveySettings]):
             )
         if not self._coverage.get_subscription_count():
             return
-        seen = seen_skin(footprints, poses)
-        if seen is None:
-            self.diagnostics.refuse('no coverage', 'the poses are too far apart to draw the skin')
+        try:
+            seen = SeenSkin(footprints, poses)
+        except CloudError as reason:
+            self.diagnostics.refuse('no coverage', str(reason))
             return
         self.diagnostics.note({'measured (m2)': f'{seen.area:.3f}', 'gaps': len(seen.gaps)})
         self._coverage.publish(coverage_to_markers(seen, stamps[-1], frame))

@@ -6,6 +6,7 @@ A message that cannot be used costs its own cloud alone, named by topic and stam
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 from ftp_dent_ros.cloud.coverage import NOTED_STAMP, Coverage
@@ -52,6 +53,7 @@ def bag_clouds(
     bag: Bag,
     skip: Callable[[str], object] = lambda sentence: None,
     photographs: bool = True,
+    unplaced: bool = False,
 ) -> Iterator[SeenCloud]:
     """Clouds of a bag in the order of their arrival: the tagged ones, else those of `POINTS`.
 
@@ -63,6 +65,8 @@ def bag_clouds(
         cloud, a photograph nothing else.
     photographs : bool
         Whether they are asked for.
+    unplaced : bool
+        Whether clouds without a pose are, where others have one; else they are skipped.
 
     Raises
     ------
@@ -72,6 +76,7 @@ def bag_clouds(
     wanted = _wanted(bag)
     others = {SKIN, PHOTOGRAPHS} if photographs else {SKIN}
     topics = _recorded(bag) & (wanted | others)
+    clouds, placed = wanted & {POINTS, TAGGED}, _placed(bag, wanted)
     waiting: dict[int, dict[str, Any]] = {}
     done: set[int] = set()
     for message in bag.messages(topics):
@@ -94,10 +99,14 @@ def bag_clouds(
             continue
         parts = waiting.setdefault(stamp_ns, {})
         parts[message.topic] = content
-        if wanted <= parts.keys():
+        is_placed = placed is None or stamp_ns in placed
+        needed = wanted if is_placed else clouds
+        if needed <= parts.keys():
             del waiting[stamp_ns]
             done.add(stamp_ns)
-            if all(parts[topic] is not None for topic in wanted):
+            if not (is_placed or unplaced):
+                skip(f'{message.topic} at {stamp_ns / 1e9:.3f} s: has no pose')
+            elif all(parts[topic] is not None for topic in needed):
                 yield _seen_cloud(stamp_ns, parts)
         # So many exposures may be under way at once: what belongs to older ones has not come.
         while len(waiting) > 30:
@@ -141,6 +150,18 @@ def _wanted(bag: Bag) -> frozenset[str]:
     raise BagError(
         f'{bag.path}: has no clouds on {TAGGED} or {POINTS}: record them with the payload'
     )
+
+
+def _placed(bag: Bag, wanted: frozenset[str]) -> set[int] | None:
+    """Stamps of the poses, where some clouds may have none."""
+    poses = wanted - {POINTS, TAGGED}
+    if not poses or len({bag.message_counts[topic] for topic in wanted}) == 1:
+        return None
+    stamps = set()
+    for message in bag.messages(poses):
+        with suppress(FtpDentError):
+            stamps.add(stamp_to_ns(bag.deserialise(message).header.stamp))
+    return stamps
 
 
 def _recorded(bag: Bag) -> set[str]:

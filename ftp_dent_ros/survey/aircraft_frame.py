@@ -156,8 +156,7 @@ def _fitted(points: Sequence[ReferencePoint]) -> tuple[AircraftFrame, float]:
     misfit = float(weights @ np.square(off).sum(axis=1))
     jacobians = np.stack([about(place - middle) for place in pose.apply(here)])
     information = np.einsum('n,nij,nik->jk', weights, jacobians, jacobians)
-    values, vectors = np.linalg.eigh(information)
-    covariance = (vectors / np.maximum(values, 1e-9)) @ vectors.T
+    covariance = np.linalg.inv(information + 1e-9 * np.eye(6))
     return AircraftFrame(pose, middle, covariance, off), misfit
 
 

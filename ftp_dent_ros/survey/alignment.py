@@ -22,6 +22,15 @@ from ftp_dent_ros.survey.raster import Grid
 Array = NDArray[np.float64]
 
 
+# Points of a patch that have to lie on another.
+LEAST_FEW = 50
+APART = 'they do not overlap'
+
+
+class UnlikePairError(Exception):
+    """Two clouds that do not lie on each other; the message says in what."""
+
+
 @dataclass(frozen=True, eq=False)
 class PairEquations:
     """Linearised residuals at a pose, of the n points that lie on the other patch.
@@ -62,13 +71,9 @@ class PairEquations:
         return (self.both * (self.weight * self.residual)[:, None]).sum(axis=0)
 
 
-def equations(
-    first: SkinPatch, second: Samples, pose: Pose, centre: Array, with_paint: bool = True
-) -> PairEquations:
+def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
     """Equations at a pose of the second patch in the first."""
-    heights = _of_heights(first, second, pose, centre)
-    if not with_paint or not len(second.paint):
-        return heights
+    heights = of_heights(first, second, pose, centre)
     paint = of_paint(first, second, pose, centre)
     return replace(
         heights,
@@ -80,10 +85,19 @@ def equations(
     )
 
 
-def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
+def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
+    """Equations of the heights alone.
+
+    Raises
+    ------
+    UnlikePairError
+        Hardly any lie on the other patch.
+    """
     place = pose.apply(second.heights)
     here = first.looked_up(first.surface, place)
     met = np.isfinite(here[:, 0])
+    if met.sum() < LEAST_FEW:
+        raise UnlikePairError(APART)
     place, here, there = place[met], here[met].astype(float), second.height_values[met]
     own, other = (np.column_stack([-each[:, 1:3], np.ones(len(each))]) for each in (here, there))
     other = other @ pose.rotation.as_matrix().T
@@ -92,7 +106,7 @@ def _of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) ->
     sigma = np.maximum(np.hypot(here[:, 3], there[:, 3]), 2e-6)
     off = (place[:, 2] - here[:, 0]) * own[:, 2] / sigma
     # Clouds may be surer of themselves than they fit.
-    spread = max(1.0, deviation(off) if len(off) else 1.0)
+    spread = max(1.0, deviation(off))
     slopes = [each / (sigma * spread)[:, None] for each in (own, other)]
     return _linearised(off / spread, slopes, place - centre, place, spread, len(off))
 

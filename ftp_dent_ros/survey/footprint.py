@@ -6,6 +6,7 @@ their cameras are known to have been now: it moves with the survey's corrections
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,8 @@ from scipy.ndimage import distance_transform_edt
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.unrolled import CELL, LARGEST, Gap, Unrolled, find_gaps
+from ftp_dent_ros.survey.raster import Raster
+from ftp_dent_ros.survey.unrolled import CELL, Unrolled, find_gaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +30,18 @@ class Footprint:
         Metres.
     offsets : ndarray, shape (n, 3), float16
         Of the points from it, metres.
-    normal : ndarray, shape (3,)
-        Of the plane through the cloud, towards the camera.
+    turn : ndarray, shape (3, 3)
+        Along the skin, across and out of it, towards the camera; columns.
+    form : ndarray, shape (6,)
+        Of the paraboloid through the points: height, slopes and curvatures along these.
     share : float
         Of a cell, that a point stands for.
     """
 
     middle: NDArray[np.float64]
     offsets: NDArray[np.float16]
-    normal: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    form: NDArray[np.float64]
     share: float
 
     @classmethod
@@ -46,24 +51,57 @@ class Footprint:
         # How far apart they are, metres: so many in a cell that its rim shows.
         every = max(1, int(0.004 / spacing))
         points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
-        offsets = (points - tangent.translation).astype(np.float16)
-        normal = tangent.rotation.apply([0.0, 0.0, 1.0])
-        return cls(tangent.translation, offsets, normal, float(every * spacing / CELL) ** 2)
+        offsets, turn = points - tangent.translation, tangent.rotation.as_matrix()
+        x, y, height = (offsets @ turn).T
+        terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=-1)
+        form = np.linalg.lstsq(terms, height, rcond=None)[0]
+        share = float(every * spacing / CELL) ** 2
+        return cls(tangent.translation, offsets.astype(np.float16), turn, form, share)
+
+    def normals(self, every: int) -> NDArray[np.float64]:
+        """Of the skin at every so many-th of the points, shape (m, 3)."""
+        x, y, _ = (self.offsets[::every] @ self.turn).T
+        _, along, across, xx, xy, yy = self.form
+        slopes = along + xx * x + xy * y, across + xy * x + yy * y
+        out = np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=-1) @ self.turn.T
+        return out / np.linalg.norm(out, axis=1)[:, None]
 
     def points(self, every: int = 1) -> NDArray[np.float64]:
         """Every so many-th of the points, shape (m, 3), metres."""
         return self.middle + self.offsets[::every]
 
 
-@dataclass(frozen=True, eq=False)
-class SeenSkin:
-    """The cells that were measured, and the gaps between them.
+def unrolled(
+    footprints: Sequence[Footprint], poses: Sequence[Pose]
+) -> tuple[Unrolled, list[NDArray[np.float32]]]:
+    """The skin through clouds where their cameras were, and the places of their points on it."""
+    both = list(zip(poses, footprints, strict=True))
+    # Some 5000 in all tell the skin's form.
+    every = max(1, sum(len(each.offsets) for each in footprints) // 5000)
+    few = np.concatenate([pose.apply(each.points(every)) for pose, each in both])
+    normals = np.concatenate([pose.rotation.apply(each.normals(every)) for pose, each in both])
+    # In the map; of a level skin, in the pictures.
+    up = np.mean([pose.rotation.apply([0.0, -0.1, 0.0]) for pose in poses], axis=0)
+    skin = Unrolled.through(few, normals, up + np.array([0.0, 0.0, 1.0]))
+    return skin, [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
+
+
+class SeenSkin(Raster):
+    """The cells of the skin that clouds have measured, and the gaps between them.
+
+    Parameters
+    ----------
+    footprints : sequence of Footprint
+    poses : sequence of Pose
+        Of the clouds' cameras.
+
+    Raises
+    ------
+    CloudError
+        The clouds are too far apart to draw.
 
     Attributes
     ----------
-    skin : Unrolled
-    low : ndarray, shape (2,)
-        x and y of the first cell's corner, metres.
     measured : ndarray, shape (rows, columns), bool
     height : ndarray, shape (rows, columns)
         Of the cells above the unrolled skin, metres; the nearest one's where none was measured.
@@ -72,12 +110,28 @@ class SeenSkin:
         Of their cells.
     """
 
-    skin: Unrolled
-    low: NDArray[np.float64]
-    measured: NDArray[np.bool_]
-    height: NDArray[np.float64]
-    gaps: list[Gap]
-    gap_mask: NDArray[np.bool_]
+    def __init__(self, footprints: Sequence[Footprint], poses: Sequence[Pose]) -> None:
+        skin, by_cloud = unrolled(footprints, poses)
+        places = np.concatenate(by_cloud)
+        share = np.repeat([each.share for each in footprints], [len(each) for each in by_cloud])
+        # A cell of nothing about what was measured.
+        low, high = places[:, :2].min(axis=0) - CELL, places[:, :2].max(axis=0) + CELL
+        super().__init__(skin, low, high, CELL)
+        column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
+        at, count = np.ravel_multi_index((row, column), self.shape), math.prod(self.shape)
+        covered, heights = (
+            np.bincount(at, weights, count).reshape(self.shape)
+            for weights in (share, share * places[:, 2])
+        )
+        # Of a cell, that was measured if the cell was.
+        self.measured = covered >= 0.5
+        mean = heights / np.maximum(covered, 1e-9)
+        # Of what was not measured, that of the nearest that was.
+        nearest = distance_transform_edt(
+            ~self.measured, return_distances=False, return_indices=True
+        )
+        self.height = mean[tuple(nearest)]
+        self.gaps, self.gap_mask = find_gaps(self.measured, self.low)
 
     @property
     def area(self) -> float:
@@ -95,39 +149,3 @@ class SeenSkin:
         corners = [(first, row), (last, row), (last, row + 1), (first, row + 1)]
         flat = np.stack([np.stack(each, axis=-1) for each in corners], axis=1) * CELL + self.low
         return self.skin.points(flat, np.repeat(height[:, None], 4, axis=1))
-
-
-def unrolled(
-    footprints: Sequence[Footprint], poses: Sequence[Pose]
-) -> tuple[Unrolled, list[NDArray[np.float32]]]:
-    """The skin through clouds where their cameras were, and the places of their points on it."""
-    both = list(zip(poses, footprints, strict=True))
-    # Some 50 of each tell the skin's form.
-    few = [pose.apply(each.points(max(1, len(each.offsets) // 50))) for pose, each in both]
-    normals = np.stack([pose.rotation.apply(each.normal) for pose, each in both])
-    repeated = np.repeat(normals, [len(each) for each in few], axis=0)
-    skin = Unrolled.through(np.concatenate(few), repeated)
-    return skin, [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
-
-
-def seen_skin(footprints: Sequence[Footprint], poses: Sequence[Pose]) -> SeenSkin | None:
-    """Coverage of clouds where their cameras were; None where that is too far apart to draw."""
-    skin, by_cloud = unrolled(footprints, poses)
-    places = np.concatenate(by_cloud)
-    share = np.repeat([each.share for each in footprints], [len(each) for each in by_cloud])
-    # A cell of nothing about what was measured.
-    low = (np.floor(places[:, :2].min(axis=0) / CELL) - 1) * CELL
-    columns, rows = np.floor((places[:, :2].max(axis=0) - low) / CELL).astype(int) + 2
-    if columns * rows * CELL**2 > LARGEST:
-        return None
-    column, row = np.floor((places[:, :2] - low) / CELL).astype(int).T
-    covered, heights = (
-        np.bincount(row * columns + column, weights, rows * columns).reshape(rows, columns)
-        for weights in (share, share * places[:, 2])
-    )
-    # Of a cell, that was measured if the cell was.
-    measured = covered >= 0.5
-    mean = heights / np.maximum(covered, 1e-9)
-    # Of what was not measured, that of the nearest that was.
-    nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    return SeenSkin(skin, low, measured, mean[tuple(nearest)], *find_gaps(measured, low))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -38,10 +37,10 @@ class Fusion(Raster):
 
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
         super().__init__(skin, low, high, PIXEL)
-        # Weight, weighted mean and squares about it, weighted resolution, sum of the variances
-        # stated, and number of clouds: what is never written takes no memory.
-        self._weight, self._mean, self._squares, self._resolution, self._variance = np.zeros(
-            (5, *self.shape), np.float32
+        # Weight, weighted mean and squares about it, weighted resolution, and number of clouds:
+        # what is never written takes no memory.
+        self._weight, self._mean, self._squares, self._resolution = np.zeros(
+            (4, *self.shape), np.float32
         )
         self._count = np.zeros(self.shape, np.uint16)
 
@@ -63,7 +62,6 @@ class Fusion(Raster):
         self._mean[window] += moved
         self._squares[window] += weight * off * (off - moved)
         self._resolution[window] += np.where(known, resolution * weight, 0)
-        self._variance[window] += np.where(known, np.square(sigma), 0)
         self._weight[window] = total
         self._count[window] += known
 
@@ -109,19 +107,6 @@ class Fusion(Raster):
         at = self.in_pixels(flat, window)
         height = remap(self._together(window)[0], *at, cv2.INTER_CUBIC)
         return self.skin.points(flat, height.astype(float))
-
-    def shared(self, place: NDArray[np.float64]) -> float:
-        """What the clouds of a place claim in the mean, and may have in common, metres.
-
-        What windows take of a dent, and the rig's errors: that makes no dent of bare skin, but
-        does not average out of a dent's depth either. 0 where fewer than two clouds tell of it.
-        """
-        window = self.window(self.skin.place(place)[None])
-        if window is None:
-            return 0.0
-        several = self._count[window] > 1
-        stated = self._variance[window][several] / self._count[window][several]
-        return math.sqrt(float(stated.mean())) if several.any() else 0.0
 
     def _together(self, window: Window) -> tuple[Map, Map, Map]:
         """What clouds tell together of the pixels of a window; NaN where fewer than two do.

@@ -191,7 +191,6 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
     dent, spacing = earlier.dent, earlier.relief.spacing
     a, b = earlier.relief.places()
     before = earlier.relief.heights.astype(float)
-    across = np.cross(dent.normal, dent.axis)
     far = np.hypot(2 * a / dent.length.value, 2 * b / dent.width.value)
     x, y = a / np.abs(a).max(), b / np.abs(b).max()
     contour = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
@@ -199,8 +198,7 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
     slide, growth = np.zeros(2), unknown
     for _ in range(3):
         # Heights of the later skin above the plane of the earlier dent.
-        aside = (a + slide[0])[..., None] * dent.axis + (b + slide[1])[..., None] * across
-        after = later.relief.above(to_later.apply(dent.position + aside), later.dent)
+        after = later.relief.above(to_later.apply(earlier.relief.plane(dent, slide)), later.dent)
         known = np.isfinite(before) & np.isfinite(after)
         # Times the ellipse of the dent's sizes, from which on the skin is undeformed.
         ring = known & (far > 1.25)

@@ -119,13 +119,11 @@ def in_common(centre: Array, pose: Pose) -> Array:
     """
     here, there = centre[:2], pose.inverse().apply(centre)[:2]
     turn = pose.rotation.as_matrix()[:2, :2]
-    result = np.zeros((6, 6))
-    for index, form in enumerate(_FORMS):
-        # Heights of the first less those of the second: their value and slope at the centre.
-        result[2, index] = here @ form @ here - there @ form @ there
-        slope = 2 * (form @ here - turn @ form @ there)
-        result[3, index], result[4, index] = slope[1], -slope[0]
-        result[:2, 3 + index] = form @ here - turn @ form @ there
+    result, stretch = np.zeros((6, 6)), _FORMS @ here - _FORMS @ there @ turn.T
+    # Heights of the first less those of the second: their value and slope at the centre.
+    result[2, :3] = _FORMS @ here @ here - _FORMS @ there @ there
+    result[3, :3], result[4, :3] = 2 * stretch[:, 1], -2 * stretch[:, 0]
+    result[:2, 3:] = stretch.T
     return result
 
 

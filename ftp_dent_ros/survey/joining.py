@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import IDENTITY, Pose
-from ftp_dent_ros.rigid import about
+from ftp_dent_ros.rigid import seen_along
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
-from ftp_dent_ros.survey.pose_graph import JITTER, Node, PoseGraph, share_kept
-from ftp_dent_ros.survey.registration import UnlikePairError, register
+from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
+from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
 
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
@@ -48,7 +50,9 @@ class Joining:
         # Those that clouds to come may be laid on; and the lesser side of each cloud's, metres.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
         self._sizes: list[float] = []
-        self._last_closed = self._last_slid = -1
+        self._last_closed = self._last_slid = self._last_searched = -1
+        # Pairs that may tie flights, if another one says the same.
+        self._maybe: list[PairLink] = []
         self.footprints: list[Footprint] = []
 
     def add(
@@ -76,24 +80,29 @@ class Joining:
         Raises
         ------
         CloudError
-            The cloud has too few points.
+            The cloud has too few points, or they are no skin.
         """
+        # What cannot be joined changes nothing.
         patch = patch_of(cloud)
+        size = float(np.ptp(patch.samples.heights[:, :2], axis=0).min())
+        footprint = Footprint.of(cloud, patch.frame)
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
+        if pose is not None:
+            self._lay_before(guess)
         stated = (guess, None) if pose is None else (pose, covariance)
         self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
-        self._sizes.append(float(np.ptp(patch.samples.heights[:, :2], axis=0).min()))
-        self.footprints.append(Footprint.of(cloud, patch.frame))
+        self._sizes.append(size)
+        self.footprints.append(footprint)
         self._kept[number] = lambda: patch
         before = [number - back for back in _BACK if number >= back]
-        for other in before:
-            if self.graph.nodes[other].flight == flight:
-                self._join(other, number)
+        for other in (each for each in before if self.graph.nodes[each].flight == flight):
+            self._join(other, number)
         for other in self._closures(number):
             self._join(other, number)
+        self._search(number)
         self.graph.update()
         self._forget(number)
         return self.graph.poses[number]
@@ -104,8 +113,34 @@ class Joining:
         No cloud is to come: what later ones could be laid on is forgotten.
         """
         self._kept.clear()
-        self.graph.solve()
+        self.graph.settle()
         self.remarks += self.contradicting().values()
+
+    def parts(self) -> list[Joining]:
+        """What something ties, each by itself, the part of most clouds first.
+
+        Clouds are tied by what they share; and those of a flight that have poses, by these.
+        """
+        graph = self.graph
+        placed = [k for k, node in enumerate(graph.nodes) if node.covariance is not None]
+        found = graph.groups(
+            [(a, b) for a, b in pairwise(placed) if graph.nodes[a].flight == graph.nodes[b].flight]
+        )
+        return [
+            self._part(np.flatnonzero(found == part).tolist())
+            for part in np.argsort(-np.bincount(found), kind='stable')
+        ]
+
+    def _part(self, numbers: list[int]) -> Joining:
+        """Some of the clouds, numbered anew."""
+        part, stamps = Joining(), list(self.numbers)
+        part.graph = self.graph.part(numbers, with_left_out=True)
+        part.numbers = {stamps[number]: index for index, number in enumerate(numbers)}
+        part.footprints = [self.footprints[number] for number in numbers]
+        if any(node.covariance is not None for node in part.graph.nodes):
+            part.frame_id = self.frame_id
+        part.remarks = list(self.remarks)
+        return part
 
     def contradicting(self) -> dict[int, str]:
         """Which pairs are left out at the moment, by their number."""
@@ -138,15 +173,21 @@ class Joining:
         return last.covariances(only=[len(last.nodes) - 1])[0]
 
     def _guess(self, stated: Pose | None, flight: int) -> Pose:
-        graph = self.graph
-        if not graph.nodes:
+        if not self.graph.nodes:
             return stated or IDENTITY
-        last, there = graph.nodes[-1], graph.poses[-1]
+        last, there = self.graph.nodes[-1], self.graph.poses[-1]
         if stated is None:
-            # As far from the last one as that from the one before.
-            return there @ (graph.poses[-2:][0].inverse() @ there)
+            return there
         is_told = last.covariance is not None and last.flight == flight
         return there @ last.stated.inverse() @ stated if is_told else stated
+
+    def _lay_before(self, pose: Pose) -> None:
+        """Guess that the last clouds, if nothing has placed them, lie where the next one does."""
+        graph, placed = self.graph, [n.covariance is not None for n in self.graph.nodes]
+        start = len(placed) - placed[::-1].index(True) if True in placed else 0
+        links = graph.links[graph.first_link(start) :]
+        if start < len(placed) and all(link.first >= start for link in links):
+            graph.carry(start, pose @ graph.poses[-1].inverse())
 
     def _join(self, first: int, second: int) -> None:
         """Lay a cloud on an earlier one, of the same pass or another."""
@@ -179,17 +220,18 @@ class Joining:
             self._last_slid = second
         return self._last_slid == second
 
-    def _laid(self, first: int, second: int) -> RelativePose | None:
-        """Pose of a cloud seen from an earlier one; None if it does not fit."""
-        patches = self._kept[first](), self._kept[second]()
-        guess = self.graph.poses[first].inverse() @ self.graph.poses[second]
-        is_known = bool(self.graph.links) and self.graph.links[-1].second == second
-        known = doubt_by_links(self.graph, first, second) if is_known else None
-        doubt = doubt_by_autopilot(self.graph, first, second)
+    def _laid(self, first: int, second: int, is_far: bool = False) -> RelativePose | None:
+        """Pose of a cloud seen from an earlier one, however far off; None if it does not fit."""
+        graph, patches = self.graph, (self._kept[first](), self._kept[second]())
+        guess = graph.poses[first].inverse() @ graph.poses[second]
+        if is_far:
+            guess = laid_over(*patches, guess)
+        is_known = not is_far and bool(graph.links) and graph.links[-1].second == second
+        known = doubt_by_links(graph, first, second) if is_known else None
         try:
-            return register(*patches, guess, doubt, known)
+            return register(*patches, guess, doubt_by_autopilot(graph, first, second), known)
         except UnlikePairError as reason:
-            if second - first == 1:
+            if second - first == 1 and not is_far:
                 self.remarks.append(self._about(first, second, str(reason)))
             return None
 
@@ -211,25 +253,64 @@ class Joining:
     def _closures(self, number: int) -> list[int]:
         """Of other passes that show the same skin, the nearest cloud of each."""
         others = [each for each in self._kept if self._are_passes(each, number)]
-        last, poses = self._last_closed, self.graph.poses
-        if last >= 0 and not self._are_passes(last, number):
-            apart = np.linalg.norm(poses[last].translation - poses[number].translation)
-            # Pairs on the same skin err alike: this part of a patch from the last that was laid
-            # on another pass, one tells hardly more.
-            others = others if apart >= 0.5 * self._sizes[number] else []
-        if not others:
-            return []
-        both = [*others, number]
-        sizes = np.array([self._sizes[each] for each in both])
-        middles = self._middles(both)
-        far = np.linalg.norm(middles[:-1] - middles[-1], axis=1)
+        others, far = self._around(number, others, self._last_closed)
         # No farther apart than this part of both patches' sizes.
-        near = np.flatnonzero(far < 0.6 * (sizes[:-1] + sizes[-1]))
-        chosen: list[int] = []
+        sizes = np.array([self._sizes[each] for each in others]) + self._sizes[number]
+        near, chosen = np.flatnonzero(far < 0.6 * sizes), list[int]()
         for index in near[np.argsort(far[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
         return chosen[:2]
+
+    def _around(
+        self, number: int, others: list[int], last: int
+    ) -> tuple[list[int], NDArray[np.float64]]:
+        """Other clouds, and how far from each a cloud is; none beside the last that was laid."""
+        places = self._middles([*others, max(last, 0), number])
+        far = np.linalg.norm(places[:-1] - places[-1], axis=1)
+        # Pairs on the same skin err alike: this part of a patch from the last, one tells hardly
+        # more.
+        if last >= 0 and not self._are_passes(last, number) and far[-1] < 0.5 * self._sizes[-1]:
+            return [], far[:0]
+        return others, far[:-1]
+
+    def _search(self, number: int) -> None:
+        """Look for the skin of a cloud in other flights, as far off as their poses state.
+
+        What two pairs say alike ties the flights; what one says may be chance.
+        """
+        graph, flight = self.graph, self.graph.nodes[number].flight
+        others = [each for each in self._kept if graph.nodes[each].flight != flight]
+        others, far = self._around(number, others, self._last_searched)
+        if not others:
+            return
+        self._last_searched, groups = number, graph.groups()
+        spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
+        # Standard deviations, and parts of two patches.
+        reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self._sizes[-1]
+        within = np.array(others)[(groups[others] != groups[number]) & (far < reach)].tolist()
+        # So many at once, others each time.
+        every = max(1, math.ceil(len(within) / 4))
+        for other in within[number % every :: every]:
+            found = self._laid(other, number, is_far=True)
+            if found is not None and not found.remark and found.rank == 6:
+                self._take(PairLink(other, number, found))
+
+    def _take(self, link: PairLink) -> None:
+        """Tie two flights by a pair if another one says the same."""
+        poses, middle = self.graph.poses, self._middles([link.second])[0]
+        told = [
+            (poses[each.first] @ each.relative.pose @ poses[each.second].inverse()).apply(middle)
+            for each in (link, *self._maybe)
+            if self._flights_of(each) == self._flights_of(link)
+        ]
+        self._maybe.append(link)
+        # Metres: more than a flight errs in itself, far less than is searched.
+        if any(np.linalg.norm(place - told[0]) < 0.01 for place in told[1:]):
+            self.graph.link(link.first, link.second, link.relative)
+
+    def _flights_of(self, link: PairLink) -> tuple[int, int]:
+        return self.graph.nodes[link.first].flight, self.graph.nodes[link.second].flight
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""
@@ -263,8 +344,7 @@ def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.floa
     part = graph.part(numbers)
     at = numbers.index(first)
     covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
-    turn = np.kron(np.eye(2), graph.poses[first].rotation.as_matrix())
-    return turn.T @ covariance @ turn
+    return seen_along(covariance, graph.poses[first].rotation.as_matrix(), np.zeros(3))
 
 
 def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
@@ -274,11 +354,8 @@ def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.
         # Of a cloud's place seen from the one before: metres, radians.
         return np.diag([0.08**2] * 3 + [0.03**2] * 3) * max(1, min(second - first, 3))
     changed = 1 - share_kept(a, b)
-    spread = (a.covariance + b.covariance) * changed + 2 * JITTER
-    # The first one's turn moves what lies at the end of the arm.
     here, there = graph.poses[first], graph.poses[second]
-    carried = np.zeros((6, 6))
-    carried[:3, 3:] = about(there.translation - here.translation)[:, 3:]
-    spread = spread + carried @ (a.covariance * changed + JITTER) @ carried.T
-    turn = np.kron(np.eye(2), here.rotation.as_matrix())
-    return turn.T @ spread @ turn
+    axes, arm = here.rotation.as_matrix(), there.translation - here.translation
+    # The first one's turn moves what lies at the end of the arm.
+    by_first = seen_along(a.covariance * changed + JITTER, axes, arm)
+    return by_first + seen_along(b.covariance * changed + JITTER, axes, np.zeros(3))

@@ -16,6 +16,8 @@ from ftp_dent_ros.survey.unrolled import CELL, Gap, Unrolled, find_gaps
 #: Pixels a side of a cell, and the side of a pixel, metres.
 PIXELS_A_CELL = 5
 PIXEL = CELL / PIXELS_A_CELL
+# Of a cell that no group has claimed.
+_FREE = -1
 
 
 class Mosaic(Raster):
@@ -41,43 +43,72 @@ class Mosaic(Raster):
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
         super().__init__(skin, low, high, PIXEL, PIXELS_A_CELL)
         self.views = np.zeros(self.shape, np.uint16)
-        self._image, self._seen, self._deviation, self._weight = np.zeros(
-            (4, *self.shape), np.float32
+        self._image, self._seen, self._height, self._deviation, self._squares, self._weight = (
+            np.zeros((6, *self.shape), np.float32)
         )
-        self._points = np.zeros((*self.shape, 3), np.float32)
         self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
+        self._steps = np.zeros(self.shape, np.uint8)
+        # Of each cell the group of clouds that is drawn there.
+        self._owner = np.full(np.array(self.shape) // PIXELS_A_CELL, _FREE)
 
-    def add(
-        self,
-        cloud: Cloud,
-        pose: Pose,
-        found: Inspection | None,
-    ) -> None:
+    def claim(self, places: NDArray, share: float, group: int) -> None:
+        """Have one group of clouds alone drawn where its points cover half of a cell.
+
+        Parameters
+        ----------
+        places : ndarray, shape (n, 2 or more)
+        share : float
+            Of a cell, that a point stands for.
+        group : int
+        """
+        at = np.floor((places[:, :2] - self.low) / CELL).astype(int)
+        (column, row), count = np.unique(at.T, axis=1, return_counts=True)
+        is_covered = share * count >= 0.5
+        self._owner[row[is_covered], column[is_covered]] = group
+
+    def owner(self, place: NDArray[np.float64]) -> int:
+        """The group that is drawn at a place of shape (3,); less than 0 where none is."""
+        at = np.floor((self.skin.place(place)[1::-1] - self.low[::-1]) / CELL).astype(int)
+        row, column = np.clip(at, 0, np.array(self._owner.shape) - 1)
+        return int(self._owner[row, column])
+
+    def add(self, cloud: Cloud, pose: Pose, found: Inspection | None, group: int = _FREE) -> None:
         """Another cloud, in its camera's frame, and its inspection.
 
         A pixel is seen where the cloud has a point nearest to its middle: so what is measured ends
-        where the points do, and clouds with fewer points than pixels leave no holes.
+        where the points do, and clouds with fewer points than pixels leave no holes. What another
+        group has claimed is measured, and not drawn.
         """
         laid = self.laid(cloud, pose, cloud.valid)
         if laid is None:
             return
-        _, window, u, v = laid
-        points = remap(cloud.points, u, v, cv2.INTER_NEAREST)
-        seen = np.isfinite(points[..., 0])
-        places = pose.apply(points.astype(float)) - self.skin.origin
+        places, window, u, v = laid
+        height = remap(places[..., 2], u, v, cv2.INTER_NEAREST)
+        at = (np.arange(each.start, each.stop) // PIXELS_A_CELL for each in window)
+        owner = self._owner[np.ix_(*at)]
+        seen = np.isfinite(height)
+        shown = seen & ((owner == group) | (owner == _FREE))
         self.views[window] += seen
-        self._points[window] += np.where(seen[..., None], places, 0)
-        light = np.where(seen, remap(cloud.skin, u, v, cv2.INTER_NEAREST), 0)
+        self._height[window] += np.nan_to_num(height)
+        light = np.where(shown, remap(cloud.skin, u, v, cv2.INTER_NEAREST), 0)
         self._image[window] += light
         self._seen[window] += light > 0
         if found is None:
             return
         deviation, findable, noise = (
-            np.where(seen, remap(each, u, v, cv2.INTER_NEAREST), np.nan)
-            for each in (found.deviation, found.findable, found.noise)
+            np.where(known, remap(each, u, v, cv2.INTER_NEAREST), np.nan)
+            for known, each in (
+                (shown, found.deviation),
+                (seen, found.findable),
+                (seen, found.noise),
+            )
         )
         self._deviation[window] += np.nan_to_num(deviation)
+        self._squares[window] += np.nan_to_num(deviation) ** 2
         self._weight[window] += np.isfinite(deviation)
+        steps = [pose.apply(each.outline) for each in found.others if each.kind == 'step']
+        flat = [(self.skin.place(each)[:, :2] - self.low) / PIXEL for each in steps]
+        cv2.fillPoly(self._steps, [each.astype(np.int32) for each in flat], 1)
         better = np.isfinite(findable) & ~(self._findable[window] <= findable)
         np.copyto(self._findable[window], findable, where=better, casting='same_kind')
         np.copyto(self._noise[window], noise, where=better, casting='same_kind')
@@ -90,28 +121,46 @@ class Mosaic(Raster):
 
     @property
     def deviation(self) -> NDArray[np.float32]:
-        """Depth below the undeformed contour, metres; NaN where it is not known."""
-        mean = self._deviation / np.maximum(self._weight, 1)
-        return np.where(self._weight > 0, mean, np.float32(np.nan))
+        """Depth below the undeformed contour, metres; NaN where it is not known.
+
+        So it is on a step, and where the clouds' contours contradict each other, as beside it.
+        """
+        count = np.maximum(self._weight, 1)
+        mean = self._deviation / count
+        # What the picture of depths may err by, metres: a fifteenth of its scale.
+        is_known = (self._weight > 0) & (self._squares / count - mean**2 < 3e-5**2)
+        is_known &= self._steps == 0
+        return np.where(is_known, mean, np.float32(np.nan))
 
     def cloud(self) -> Cloud:
-        """Mean point of each cell, with the skin image as intensity and the noise as sigma."""
-        count, seen, light, *total = (
+        """Middle of each cell, with the skin image as intensity and the noise as sigma."""
+        count, seen, light, total = (
             _by_cell(each).sum(axis=-1)
-            for each in (self.views, self._seen, self._image, *np.moveaxis(self._points, -1, 0))
+            for each in (self.views, self._seen, self._image, self._height)
         )
-        mean = np.stack(total, axis=-1) / np.maximum(count, 1)[..., None] + self.skin.origin
-        points = np.where(count[..., None] > 0, mean, np.nan).astype(np.float32)
+        height = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        middles = self.low + CELL * (np.moveaxis(np.indices(count.shape)[::-1], 0, -1) + 0.5)
+        points = self.skin.points(middles, height).astype(np.float32)
         return Cloud(points, light / np.maximum(seen, 1), _middle(self._noise))
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
         measured, points = self.measured(), self.cloud().points
-        return CoverageCells(CELL, points[measured], _middle(self._findable)[measured])
+        return CoverageCells(CELL, points[measured], self.findable[measured])
+
+    @property
+    def findable(self) -> NDArray[np.float32]:
+        """Of each cell the smallest depth of a dent that would have been found, metres, or NaN."""
+        return np.where(self.measured(), _middle(self._findable), np.float32(np.nan))
 
     def measured(self) -> NDArray[np.bool_]:
         """Mask of the cells of which half or more was measured."""
         return _by_cell(self.views > 0).mean(axis=-1) >= 0.5
+
+    @property
+    def area(self) -> float:
+        """That was measured, by its pixels, square metres."""
+        return float(np.count_nonzero(self.views)) * PIXEL**2
 
     def gaps(self) -> tuple[list[Gap], NDArray[np.bool_]]:
         """What was not measured between what was, as of `find_gaps`."""

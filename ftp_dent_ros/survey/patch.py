@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.raster import Grid, cells, polynomial, remap, some_of
+from ftp_dent_ros.survey.raster import Grid, cells, remap, some_of
+from ftp_dent_ros.survey.unrolled import LARGEST
 
 # Of grey levels; 0 is no skin.
 _LOGARITHMS = np.log(np.array([np.nan, *range(1, 256)], np.float32))
@@ -122,8 +123,7 @@ class SkinPatch:
         assert logarithm is not None
         known = np.isfinite(logarithm)
         share = known.astype(np.float32)
-        # What is left of the light is level, so that windows may be one-sided at the rim.
-        values = np.where(known, logarithm - _light(logarithm, known), np.float32(0))
+        values = np.where(known, logarithm, np.float32(0))
         # Light changes slowly along the skin, paint does not: standard deviation of what is taken
         # off, metres.
         light = 0.006 / self.pitch
@@ -205,27 +205,30 @@ def patch_of(cloud: Cloud) -> SkinPatch:
     Raises
     ------
     CloudError
-        It has too few points.
+        It has too few points, or they are no skin that a camera saw.
     """
     valid = cloud.valid
-    points = np.count_nonzero(valid)
-    # That tell a plane and the way back to the cloud's grid.
-    if points < 500:
+    # Of a cubic of rows and columns.
+    if min(valid.shape) < 4:
         raise CloudError(
-            f'the cloud has only {points} points, too few to lay it on another: '
-            'come closer, or light more'
+            'the cloud has less than 4 rows or columns of points, so that it is not the grid of a '
+            'camera: publish it as it was measured'
+        )
+    # That tell a plane and the way back to the cloud's grid.
+    if np.count_nonzero(valid) < 500:
+        raise CloudError(
+            'the cloud has less than 500 points, too few to lay it on another: come closer, or '
+            'light more'
         )
     some = some_of(valid)
     frame = _tangent(cloud.points[some].astype(float))
-    back = frame.inverse()
-    matrix = np.column_stack([back.rotation.as_matrix(), back.translation])
-    everywhere = cloud.points.astype(np.float32, copy=False)
-    places: Any = cv2.transform(everywhere, matrix[:2])
-    heights: Any = cv2.transform(everywhere, matrix[2:])
+    everywhere = frame.inverse().apply(cloud.points.astype(np.float32, copy=False))
+    places, heights = np.ascontiguousarray(everywhere[..., :2]), everywhere[..., 2]
     place = places[some].astype(float)
     # Of the grid, by the cloud's own spacing.
     steps = np.linalg.norm(np.diff(everywhere[:: max(1, len(everywhere) // 24)], axis=1), axis=-1)
     size = 1.5 * float(np.nanmedian(steps))
+    _check_spread(places[valid], heights[valid], size)
     low, high = place.min(axis=0), place.max(axis=0)
     count = np.ceil((high - low) / size).astype(int) + 1
     u, v = cells(places, some, low, size, count)
@@ -235,6 +238,24 @@ def patch_of(cloud: Cloud) -> SkinPatch:
     deviation = remap(sigma.astype(np.float32, copy=False) * np.float32(1e3), u, v)
     light = remap(_LOGARITHMS[cloud.skin], u, v) if cloud.skin.any() else None
     return SkinPatch(frame, size, low, height, deviation, light)
+
+
+def _check_spread(places: Grid, heights: Grid, size: float) -> None:
+    """See that points about a tangent plane, their neighbours so far apart, are of one skin."""
+    sides, high = np.ptp(places, axis=0), float(np.ptp(heights))
+    if np.prod(sides) > LARGEST or high > max(sides):
+        raise CloudError(
+            'the points of the cloud are farther apart than an aircraft is large, or deeper than '
+            'wide, which is no skin: correct its unit, metres, or its points far off'
+        )
+    # Neighbours are so much farther apart at most: in noise they are more; and so much nearer at
+    # most, where a thousandth of the picture is lit.
+    mean = math.sqrt(float(np.prod(sides)) / len(places))
+    if not mean / 30 < size < 6 * mean:
+        raise CloudError(
+            'neighbours in the cloud are not about as far apart as its points are in the mean: '
+            'it is noise, or has points far off'
+        )
 
 
 def _tangent(points: NDArray[np.float64]) -> Pose:
@@ -254,17 +275,6 @@ def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
     along_x = cv2.Sobel(field, cv2.CV_32F, 1, 0, ksize=1, scale=scale)
     along_y = cv2.Sobel(field, cv2.CV_32F, 0, 1, ksize=1, scale=scale)
     return along_x, along_y
-
-
-def _light(logarithm: Grid, known: NDArray[np.bool_]) -> Grid:
-    """Polynomial through a logarithm of light, by some of its cells."""
-    row, column = some_of(known, 1500)
-    if not len(row):
-        return np.zeros_like(logarithm)
-    place, values = np.stack([column, row], axis=-1).astype(float), logarithm[row, column]
-    through = polynomial(place, values[:, None].astype(float))
-    rows, columns = (np.arange(float(size)) for size in logarithm.shape)
-    return through(columns, rows)[0].T.astype(np.float32)
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:
@@ -296,8 +306,7 @@ def unfolded(make: Callable[[], SkinPatch]) -> SkinPatch:
 
 
 def _made(frame: Pose, pitch: float, corner: NDArray[np.float64], grids: list[Any]) -> SkinPatch:
-    layers: list[Any] = [None if each is None else _unfolded(*each) for each in grids]
-    return SkinPatch(frame, pitch, corner, *layers)
+    return SkinPatch(frame, pitch, corner, *(each and _unfolded(*each) for each in grids))
 
 
 def _folded(grid: Grid, least: float) -> tuple[NDArray[np.uint8], float, float]:

@@ -26,9 +26,15 @@ function heightAt(x, y) {
 function pointAt(x, y) {
   const up = heightAt(x, y);
   if (Number.isNaN(up)) return null;
-  const from = places.radius + up, angle = y / places.radius;
-  const along = from * Math.sin(angle), out = from * Math.cos(angle) - places.radius;
-  return [0, 1, 2].map((i) => places.origin[i] + x * places.axis[i] + along * places.around[i] + out * places.normal[i]);
+  // As of survey.unrolled: by the tip of the cone, which may be ever so far off.
+  const { radius, taper } = places, cosine = Math.cos(taper), sine = Math.sin(taper) || 1e-12;
+  const tip = sine / cosine / radius;
+  const line = (2 * x - tip * (x * x + y * y)) / (1 + Math.hypot(1 - tip * x, tip * y));
+  const angle = Math.atan2(tip * y, 1 - tip * x) / sine;
+  const from = radius * cosine - line * sine + up * cosine, along = radius * sine + line * cosine + up * sine;
+  const out = from * Math.cos(angle), aside = from * Math.sin(angle);
+  return [0, 1, 2].map((i) => places.origin[i] + (along * cosine - out * sine) * places.axis[i]
+    + (along * sine + out * cosine - radius) * places.normal[i] + aside * places.around[i]);
 }
 
 // x and y on the unrolled skin of a pointer on a picture.

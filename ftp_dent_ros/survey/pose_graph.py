@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
+from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import (
     changes,
     crossed,
@@ -64,13 +65,64 @@ class PairLink:
     relative: RelativePose
 
 
-def share_kept(earlier: Node, later: Node) -> float:
-    """Share of an autopilot's error at one cloud that is still there at another."""
-    if earlier.flight != later.flight:
-        return 0.0
-    # After which an autopilot's error is another one, seconds: the shortest that hovering ones
-    # were seen to have; a longer one would believe more of it.
-    return math.exp(-abs(later.seconds - earlier.seconds) / 5.0)
+def share_kept(earlier: Node, later: Node, seconds: Any = 5.0) -> Any:
+    """Share of an autopilot's error at one cloud that is still there at another.
+
+    Parameters
+    ----------
+    earlier, later : Node
+    seconds : float or ndarray
+        After which it is another one: by default the shortest that hovering ones were seen to
+        have; a longer one would believe more of it.
+    """
+    is_same = earlier.flight == later.flight
+    return is_same * np.exp(-abs(later.seconds - earlier.seconds) / seconds)
+
+
+def drift_of(errors: Array, sigmas: Array, seconds: Array) -> Array:
+    """How an autopilot's error of a flight changes: one part is constant, the other drifts.
+
+    The mean of all that may be, by their likelihood, for places and for turns.
+
+    Parameters
+    ----------
+    errors, sigmas : ndarray, shape (n, 6)
+        Of the poses of a flight, but for a constant that nobody knows; and what is stated.
+    seconds : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (2, 6)
+        Share of the variance that drifts, and seconds after which that is another one.
+    """
+    shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
+    off, gaps, parts = errors / sigmas, np.diff(seconds)[:, None], []
+    anew = 2 * np.diag(JITTER) / sigmas[1:] ** 2
+    grid = np.array([(share, math.log(time)) for share in shares for time in times])
+    for part in (slice(0, 3), slice(3, 6)):
+        likelihood = [
+            _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), share, anew[:, part])
+            for share, time in grid
+        ]
+        chance = np.exp(np.array(likelihood) - max(likelihood))
+        parts += 3 * [np.average(grid, axis=0, weights=chance)]
+    share, time = np.array(parts).T
+    return np.stack([share, np.exp(time)])
+
+
+def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
+    """Logarithm of that of errors about any constant, of which a share drifts."""
+    steps = np.concatenate([off[:1], off[1:] - keep * off[:-1]])
+    constant = np.concatenate([np.ones((1, 1)), 1 - keep])
+    variance = np.concatenate([np.full((1, 3), share), (1 - keep**2) * share + anew])
+    weight = (constant**2 / variance).sum(axis=0)
+    mean = (constant * steps / variance).sum(axis=0) / weight
+    squares = np.square(steps - constant * mean) / variance
+    return -float((np.log(variance) + squares).sum() + np.log(weight).sum()) / 2
+
+
+# As long as a flight does not tell: all of an error drifts.
+_UNKNOWN = np.stack([np.ones(6), np.full(6, 5.0)])
 
 
 class PoseGraph:
@@ -93,7 +145,9 @@ class PoseGraph:
         self._misfits: dict[int, float] = {}
         # The poses once more, in arrays.
         self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
-        self._all_moved, self._is_strained = 0, False
+        self._all_moved = 0
+        #: Of the flights that tell it, as of `drift_of`, once all poses are known.
+        self.drifts: dict[int, Array] = {}
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
@@ -101,6 +155,13 @@ class PoseGraph:
         self._places = np.concatenate([self._places, guess.translation[None]])
         self.nodes.append(node)
         self.poses.append(guess)
+
+    def carry(self, start: int, move: Pose) -> None:
+        """Move the poses from a number on, that are guesses alone."""
+        for number in range(start, len(self.nodes)):
+            pose = move @ self.poses[number]
+            self.nodes[number] = replace(self.nodes[number], stated=pose)
+            self._put(number, pose)
 
     def link(self, first: int, second: int, relative: RelativePose) -> None:
         """Another relative pose; the second cloud is the newer one."""
@@ -116,68 +177,87 @@ class PoseGraph:
         """Number of the first link to a pose or a newer one."""
         return bisect_left(self.links, number, key=lambda link: link.second)
 
-    def part(self, numbers: Sequence[int]) -> PoseGraph:
+    def part(self, numbers: Sequence[int], with_left_out: bool = False) -> PoseGraph:
         """Some of the poses, in rising order, and what joins them, without all others.
 
         What the autopilot says of two says the same of them whether poses lie between or not.
         """
         place = {number: index for index, number in enumerate(numbers)}
-        left_out = self.left_out
+        left_out, start = set() if with_left_out else self.left_out, self.first_link(numbers[0])
         some = PoseGraph()
+        some.drifts = self.drifts
         for number in numbers:
             some.add(self.nodes[number], self.poses[number])
-        for index in range(self.first_link(numbers[0]), len(self.links)):
-            link = self.links[index]
+        for index, link in enumerate(self.links[start:], start):
             if link.first in place and link.second in place and index not in left_out:
-                some.links.append(
-                    replace(link, first=place[link.first], second=place[link.second])
-                )
+                some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
+                some.link(place[link.first], place[link.second], link.relative)
         return some
 
     def update(self) -> None:
-        """Move the last poses, and all where that does not do, after a pose and its links came."""
+        """Move the last poses, and now and then all, after a pose and its links came."""
         number = len(self.nodes) - 1
-        # Poses that move as clouds come. All move where a pair with an earlier one strains them,
-        # but for a rest of this share of them; and at once after so many clouds, and such a share.
-        fixed = max(0, number - 20)
-        self.solve(fixed)
-        newest = range(self.first_link(number), len(self.links))
-        self._is_strained |= any(
-            self._misfits.get(k, 0.0) > _HALF for k in newest if self.links[k].first < fixed
-        )
-        rest = 0.02 * number if self._is_strained else max(100, 0.25 * number)
-        if number - self._all_moved >= rest:
+        # Poses that move as each cloud comes; and clouds, and their share, after which all do.
+        self.solve(max(0, number - 20))
+        if number - self._all_moved >= max(4, 0.05 * number):
             self.solve()
-            self._all_moved, self._is_strained = number, False
+            self._all_moved = number
+
+    def settle(self) -> None:
+        """Move all poses to where they agree best, and learn how the autopilot's errors change."""
+        self.drifts = {}
+        self.solve()
+        drifts, said = {}, _arrays([node.stated for node in self.nodes])
+        errors = _off(self._turns, self._places, *said)
+        spreads = [_ANCHOR if n.covariance is None else n.covariance for n in self.nodes]
+        sigmas = np.sqrt(np.diagonal(spreads, axis1=1, axis2=2))
+        placed = np.array([node.covariance is not None for node in self.nodes])
+        flights, seconds = np.array([(node.flight, node.seconds) for node in self.nodes]).T
+        for flight in np.unique(flights[placed]):
+            groups = np.where(placed & (flights == flight), self.groups(), -1)
+            # Of poses that nothing ties, errors are not known: those of the most are taken.
+            tied = groups == np.bincount(groups[groups >= 0]).argmax()
+            if tied.sum() > 2:
+                drifts[int(flight)] = drift_of(errors[tied], sigmas[tied], seconds[tied])
+        self.drifts = drifts
+        self.solve()
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
-        if fixed >= len(self.nodes):
-            return
-        terms, start = Terms(self, fixed), (self._turns, self._places)
+        terms, start = Terms(self, fixed), self._start()
         # Those that contradicted the others before count from the first step on by how they fit.
         doubted = np.isin(terms.links, list(self.left_out) if fixed else [])
         found = _stepped(terms, *start, doubted, math.inf)
         if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(*start)):
             # Poses fit no worse than before: no pair that does not fit already pulls.
             found = _stepped(terms, *start, np.ones(len(doubted), bool), 1.0)
-        turns, places = self._turns, self._places = found
-        rotations = Rotation.from_matrix(turns[fixed:])
+        count, (turns, places) = len(self.nodes), found
+        self._turns, self._places = turns[:count], places[:count]
+        rotations = Rotation.from_matrix(self._turns[fixed:])
         self.poses[fixed:] = [
             Pose(rotation, place.copy())
-            for rotation, place in zip(rotations, places[fixed:], strict=True)
+            for rotation, place in zip(rotations, self._places[fixed:], strict=True)
         ]
         misfits = terms.misfits(terms.errors(turns, places))
         self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
+
+    def _start(self) -> tuple[Array, Array]:
+        """Turns and places of all poses, and of the flights' constant errors, from nothing on."""
+        extra = len(self.drifts)
+        return (
+            np.concatenate([self._turns, np.tile(np.eye(3), (extra, 1, 1))]),
+            np.concatenate([self._places, np.zeros((extra, 3))]),
+        )
+
+    def _put(self, number: int, pose: Pose) -> None:
+        self.poses[number] = pose
+        self._turns[number], self._places[number] = pose.rotation.as_matrix(), pose.translation
 
     def follow(self, number: int) -> None:
         """Put the newest pose where its last link says, as far as that says anything."""
         link = self.links[-1]
         if link.relative.rank == 6:
-            pose = self.poses[link.first] @ link.relative.pose
-            self.poses[number] = pose
-            self._turns[number] = pose.rotation.as_matrix()
-            self._places[number] = pose.translation
+            self._put(number, self.poses[link.first] @ link.relative.pose)
         else:
             self.solve(fixed=number)
 
@@ -203,32 +283,30 @@ class PoseGraph:
             Numbers of the poses that are asked for; all by default.
         """
         terms = Terms(self, 0, anchor)
-        errors = terms.errors(self._turns, self._places)
-        jacobian, weighted = terms.weighted(self._turns, self._places, errors, 1.0)
+        start = self._start()
+        errors = terms.errors(*start)
+        jacobian, weighted = terms.weighted(*start, errors, 1.0)
         solver = _factored(weighted @ jacobian)
         bent = solver.solve(weighted @ terms.common.reshape(-1, 6)).reshape(-1, 6, 6)
-        wanted = np.arange(terms.count) if only is None else np.asarray(only)
-        blocks = np.empty((len(wanted), 6, 6))
-        for index, number in enumerate(wanted):
-            unit = np.zeros((6 * terms.count, 6))
-            unit[6 * number : 6 * number + 6] = np.eye(6)
-            own = solver.solve(unit)[6 * number : 6 * number + 6]
-            own = own + bent[number] @ COMMON @ bent[number].T
-            blocks[index] = (own + own.T) / 2
-        return spread_of_shift(blocks)
+        units, blocks = identity(6 * terms.count, format='csc'), []
+        for number in range(len(self.nodes)) if only is None else only:
+            own = slice(6 * number, 6 * number + 6)
+            block = solver.solve(units[:, own].toarray())[own]
+            block = block + bent[number] @ COMMON @ bent[number].T
+            blocks.append((block + block.T) / 2)
+        return spread_of_shift(np.array(blocks))
 
-    def groups(self) -> list[int]:
-        """Number of the group that each pose belongs to: those that links join."""
-        left_out = self.left_out
-        joins = [
+    def groups(self, joins: Sequence[tuple[int, int]] = ()) -> NDArray[np.intp]:
+        """Number of the group that each pose belongs to: those that links join, or others."""
+        size, left_out = len(self.nodes), self.left_out
+        tied = (
             (link.first, link.second)
             for index, link in enumerate(self.links)
             if index not in left_out and link.relative.rank == 6
-        ]
-        first, second = np.array(joins, int).reshape(-1, 2).T
-        size = len(self.nodes)
-        joined = coo_matrix((np.ones(len(joins)), (first, second)), shape=(size, size))
-        return connected_components(joined, directed=False)[1].tolist()
+        )
+        ends = np.array([*joins, *tied], int).reshape(-1, 2)
+        joined = coo_matrix((np.ones(len(ends)), ends.T), shape=(size, size))
+        return connected_components(joined, directed=False)[1]
 
 
 def _factored(matrix: Any) -> Any:
@@ -306,7 +384,8 @@ class Terms:
 
     def __init__(self, graph: PoseGraph, fixed: int = 0, anchor: int | None = None) -> None:
         nodes = graph.nodes
-        self.fixed, self.count = fixed, len(nodes) - fixed
+        #: Of the poses that move, and of the constant errors of flights, which follow them.
+        self.fixed, self.count = fixed, len(nodes) + len(graph.drifts) - fixed
         numbers = range(graph.first_link(fixed), len(graph.links))
         #: Numbers of the links that tell something.
         self.links = [k for k in numbers if graph.links[k].relative.rank]
@@ -316,31 +395,34 @@ class Terms:
         self._back = np.swapaxes(turns, 1, 2)
         self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
         self._rank = np.array([each.rank for each in relative], float)
-        stated = _stated(nodes, fixed, anchor)
-        at, before, keep, spreads = zip(*stated, strict=True)
-        self._keep = np.array(keep)
-        self._said = [_arrays([nodes[k].stated for k in each]) for each in (before, at)]
-        # Numbers of each term's two poses; of links, and of what is stated.
-        pairs = [(link.first, link.second) for link in links]
-        self._poses = np.array([*pairs, *zip(before, at, strict=True)], np.intp)
+        stated = _stated(graph, fixed, anchor)
+        at, before, constant = (np.array([row[k] for row in stated]) for k in range(3))
+        self._keep, self._bias, spreads = (
+            np.array([row[k] for row in stated]) for k in range(3, 6)
+        )
+        said = _arrays([*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)])
+        self._said = [(said[0][each], said[1][each]) for each in (before, at, constant)]
+        # Numbers of each term's poses, a third one of what is stated; of links, and of that.
+        pairs = [(link.first, link.second, link.second) for link in links]
+        self._poses = np.array([*pairs, *zip(before, at, constant, strict=True)], np.intp)
         information = [each.information for each in relative]
-        self._information = np.array([*information, *np.linalg.inv(np.array(spreads))])
+        self._information = np.array([*information, *np.linalg.inv(spreads)])
         #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
         self.common = np.array([*(e.common for e in relative), *np.zeros((len(stated), 6, 6))])
 
     def errors(self, turns: Array, places: Array) -> Array:
         """At poses of shape (all, 3, 3) and (all, 3); shape (terms, 6)."""
         count = len(self.links)
-        first, second = self._poses[:count].T
+        first, second, _ = self._poses[:count].T
         back = np.swapaxes(turns[first], 1, 2)
         off = back @ turns[second] @ self._back
         seen = _turned(back, places[second] - places[first])
         of_links = twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
-        then, now = (
-            np.hstack([places[at] - place, rotation_vectors(turns[at] @ np.swapaxes(turn, 1, 2))])
-            for at, (turn, place) in zip(self._poses[count:].T, self._said, strict=True)
+        then, now, always = (
+            _off(turns[at], places[at], *said)
+            for at, said in zip(self._poses[count:].T, self._said, strict=True)
         )
-        return np.concatenate([of_links, now - self._keep[:, None] * then])
+        return np.concatenate([of_links, now - self._keep * then - self._bias * always])
 
     def misfits(self, errors: Array) -> Array:
         """Squares of the links' errors, in variances, by their directions; shape (links,)."""
@@ -367,21 +449,23 @@ class Terms:
         back = np.swapaxes(turns[first], 1, 2)
         centre = places[first] + _turned(turns[first], self._centre)
         change = changes(errors[:count])
-        blocks = np.zeros((total, 2, 6, 6))
+        blocks = np.zeros((total, 3, 6, 6))
         for side, sign in enumerate((-1, 1)):
             # A turn of a camera shifts what lies at the end of the arm.
             move = np.zeros((count, 6, 6))
             move[:, :3, :3] = move[:, 3:, 3:] = back
             move[:, :3, 3:] = -back @ crossed(centre - places[self._poses[:count, side]])
             blocks[:count, side] = sign * change @ move
-        blocks[count:, 0] = -self._keep[:, None, None] * np.eye(6)
+        blocks[count:, 0] = -self._keep[:, :, None] * np.eye(6)
         blocks[count:, 1] = np.eye(6)
+        blocks[count:, 2] = -self._bias[:, :, None] * np.eye(6)
         columns = self._poses - self.fixed
         blocks[columns < 0] = 0
         jacobian = bsr_matrix(
-            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 2 * np.arange(total + 1)),
+            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 3 * np.arange(total + 1)),
             shape=(6 * total, 6 * self.count),
         ).tocsr()
+        jacobian.eliminate_zeros()
         information = self._information.copy()
         heard = geman_mcclure(self.misfits(errors), _HALF * tolerance)
         information[:count] *= heard[:, None, None]
@@ -389,33 +473,60 @@ class Terms:
         return jacobian, jacobian.T @ weights.tocsr()
 
 
-def _stated(
-    nodes: Sequence[Node], fixed: int, anchor: int | None
-) -> list[tuple[int, int, float, Array]]:
-    """Of each pose an earlier one, the share of its error, and the covariance of the rest."""
-    terms: list[tuple[int, int, float, Array]] = []
+def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any, ...]]:
+    """What is said of each pose: its number, an earlier one, and that of its flight's constant.
+
+    And of the errors of the last two the shares that it has, and the covariance of the rest.
+    """
+    nodes, nothing, always = graph.nodes, np.zeros(6), np.ones(6)
+    terms: list[tuple[Any, ...]] = []
     stated = [index for index, node in enumerate(nodes) if node.covariance is not None]
     last_stated = dict(zip(stated[1:], stated, strict=False))
+    constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
     for index, node in enumerate(nodes[fixed:], fixed):
-        last = last_stated.get(index)
+        last, flight = last_stated.get(index), node.flight
+        (share, seconds), constant = (
+            graph.drifts.get(flight, _UNKNOWN),
+            constants.get(flight, index),
+        )
+        bias = always if flight in constants else nothing
         if node.covariance is None:
-            spread = _ANCHOR if index == 0 and anchor is None else _UNTOLD
-            terms.append((index, index, 0.0, spread))
-        elif last is not None and nodes[last].flight == node.flight:
-            keep = share_kept(nodes[last], node)
-            spread = (1 - keep**2) * node.covariance + 2 * JITTER
+            is_adrift = index == 0 and anchor is None and not stated
+            spread = _ANCHOR if is_adrift else _UNTOLD
+            terms.append((index, index, index, nothing, nothing, spread))
+        elif last is not None and nodes[last].flight == flight:
+            keep = share_kept(nodes[last], node, seconds)
+            rest, bias = 1 - keep**2, bias * (1 - keep)
             if anchor is not None:
                 # Seen from a pose that errs itself, errors differ ever more.
-                spread, keep = 2 * (1 - keep) * node.covariance + 2 * JITTER, 1.0
-            terms.append((index, last, keep, spread))
+                rest, keep, bias = 2 * (1 - keep), always, nothing
+            spread = _part(node.covariance, rest * share) + 2 * JITTER
+            terms.append((index, last, constant, keep, bias, spread))
         elif anchor is None:
-            terms.append((index, index, 0.0, node.covariance))
-        elif nodes[anchor].flight != node.flight:
+            spread = _part(node.covariance, share)
+            terms.append((index, index, constant, nothing, bias, spread))
+        elif nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
-            terms.append((index, index, 0.0, 2 * node.covariance))
+            terms.append((index, index, index, nothing, nothing, 2 * node.covariance))
+    for flight, at in constants.items():
+        first = next((nodes[k].covariance for k in stated if nodes[k].flight == flight), None)
+        rest = _part(_ANCHOR if first is None else first, 1 - graph.drifts[flight][0])
+        terms.append((at, at, at, nothing, nothing, rest))
     if anchor is not None:
-        terms.append((anchor, anchor, 0.0, _ANCHOR))
+        terms.append((anchor, anchor, anchor, nothing, nothing, _ANCHOR))
     return terms
+
+
+def _part(covariance: Array, share: Array) -> Array:
+    """Covariance of which so much is left, axis by axis."""
+    root = np.sqrt(share)
+    return covariance * np.outer(root, root)
+
+
+def _off(turns: Array, places: Array, said_turns: Array, said: Array) -> Array:
+    """Errors of poses by what is said of them, shape (n, 6)."""
+    off = rotation_vectors(turns @ np.swapaxes(said_turns, 1, 2))
+    return np.hstack([places - said, off])
 
 
 def _arrays(poses: Sequence[Pose]) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,27 +16,35 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
+from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import about, moved, moved_along, twist_between
-from ftp_dent_ros.survey.alignment import PairEquations, equations, of_paint, paints
+from ftp_dent_ros.rigid import moved, moved_along, seen_along, twist_between
+from ftp_dent_ros.survey.alignment import (
+    APART,
+    LEAST_FEW,
+    PairEquations,
+    UnlikePairError,
+    equations,
+    of_heights,
+    of_paint,
+    paints,
+)
 from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
 
-# Share of the second cloud that has to lie on the first, and points; of the few that find the way.
-LEAST_OVERLAP, _LEAST_POINTS, _LEAST_FEW = 0.15, 200, 50
-_APART = 'they do not overlap'
+# Share of the second cloud that has to lie on the first, and points.
+LEAST_OVERLAP, _LEAST_POINTS = 0.15, 200
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
 
 # Standard deviations of the evidence against a place beyond which it is not the right one.
 _CLEARLY = 4.5
-# Directions in which a patch slides on another.
-_SLIDING = [0, 1, 5]
 
 Array = NDArray[np.float64]
+Linearised = Callable[[SkinPatch, Samples, Pose, Array], PairEquations]
 
 # Of the cells that are correlated, metres: marks are a few millimetres wide.
 _CELL = 0.003
@@ -46,10 +54,8 @@ _WITHIN = 4.0
 _TURN = 0.008
 # A peak's correlation, and that by the highest one's, from which on it may be the place.
 _RIVAL = 0.6
-
-
-class UnlikePairError(Exception):
-    """Two clouds that do not lie on each other; the message says in what."""
+# Places that are alike at first sight: more cannot all be judged.
+_MOST = 32
 
 
 def register(
@@ -83,7 +89,9 @@ def register(
     centre = _centre(first, few, start)
     is_painted = first.light is not None and second.light is not None
     for each in [doubt] if known is None else [known, doubt][: 1 + is_painted]:
-        near = Guess(start, centre, _doubt_at(first, guess, each, centre))
+        arm = first.frame.apply(centre) - guess.translation
+        axes = first.frame.rotation.as_matrix()
+        near = Guess(start, centre, seen_along(each, axes, arm))
         best, found, remark = start, None, _NO_PAINT
         if not near.is_right:
             best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
@@ -94,9 +102,9 @@ def register(
             break
     centre = near.centre
     if found is None:
-        found = equations(first, samples, best, centre, with_paint=False)
+        found = of_heights(first, samples, best, centre)
     if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
-        raise UnlikePairError(_APART)
+        raise UnlikePairError(APART)
     # Heights' misfit by what the clouds state, above which they do not show one surface.
     if found.spread > 25.0:
         raise UnlikePairError(
@@ -124,6 +132,16 @@ def register(
         remark,
         turn @ in_common(centre, best),
     )
+
+
+def laid_over(first: SkinPatch, second: SkinPatch, guess: Pose) -> Pose:
+    """A guess of the second camera in the first one's frame, with their patches laid over another.
+
+    Of the guess the turn about the skin's normal is left.
+    """
+    turn = (first.frame.inverse() @ guess @ second.frame).rotation.as_matrix()
+    about_normal = Rotation.from_euler('z', np.arctan2(turn[1, 0], turn[0, 0]))
+    return first.frame @ Pose(about_normal, np.zeros(3)) @ second.frame.inverse()
 
 
 def _slid_information(
@@ -168,15 +186,14 @@ def _by_paint(
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     if not near.is_right:
         places = candidates(first, second, by_shape, near)
-        # Places that are alike at first sight: more cannot all be judged.
-        if len(places) > 32:
+        if len(places) > _MOST:
             return by_shape, None, _AMBIGUOUS
         # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
         # on it by far more than a guess is unsure of at its own place.
         # By how much a place may move along the skin as patches are laid on each other there: the
         # cells that it was found by, metres.
         held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
-        slidden = [slid(first, few, each, near.centre, held) for each in places]
+        slidden = [_slid(first, few, each, near.centre, held) for each in places]
         rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
         left = not_worse(rough, len(places))
         judged = (_judged(first, samples, each, near, held) for each in left)
@@ -211,17 +228,17 @@ def _solved(
     pose: Pose,
     centre: NDArray[np.float64],
     prior: NDArray[np.float64],
-    with_paint: bool = True,
+    linearised: Linearised = equations,
+    free: Sequence[int] = range(6),
     steps: int = 8,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
-    off = np.zeros(6)
+    off, both = np.zeros(6), np.ix_(free, free)
     for _ in range(steps):
-        found = equations(first, samples, pose, centre, with_paint)
-        if found.heights < _LEAST_FEW:
-            raise UnlikePairError(_APART)
+        found = linearised(first, samples, pose, centre)
         normal = found.both.T @ (found.both * found.weight[:, None]) + prior
-        step = -np.linalg.solve(normal, found.gradient + prior @ off)
+        step = np.zeros(6)
+        step[free] = -np.linalg.solve(normal[both], (found.gradient + prior @ off)[free])
         pose, off = moved(pose, step, centre), off + step
         # Metres and radians; the last step is by all points, and comes with its information.
         if np.abs(step).max() < 5e-5:
@@ -229,25 +246,19 @@ def _solved(
     return pose
 
 
-# Pose by the shape alone.
-_laid: Callable[..., Pose] = partial(_solved, with_paint=False, steps=2)
+# Pose by the shape alone; and by the coarse paint, as a patch slides and turns on the skin.
+_laid: Callable[..., Pose] = partial(_solved, linearised=of_heights, steps=2)
+_slid: Callable[..., Pose] = partial(
+    _solved, linearised=partial(of_paint, coarse=True), free=[0, 1, 5], steps=2
+)
 
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
     met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
-    if met.sum() < max(_LEAST_FEW, LEAST_OVERLAP * len(place)):
-        raise UnlikePairError(_APART)
+    if met.sum() < max(LEAST_FEW, LEAST_OVERLAP * len(place)):
+        raise UnlikePairError(APART)
     return place[met].mean(axis=0)
-
-
-def _doubt_at(first, guess, doubt, centre):
-    """Covariance of a guess, as of the shift of the centre and the turn, first patch's axes."""
-    arm = first.frame.apply(centre) - guess.translation
-    carried = np.eye(6)
-    carried[:3] = about(arm)
-    turn = np.kron(np.eye(2), first.frame.rotation.as_matrix())
-    return turn.T @ carried @ doubt @ carried.T @ turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,26 +351,6 @@ class Place:
         return float(evidence)
 
 
-def slid(first: SkinPatch, samples: Samples, pose: Pose, centre: Array, held: Array) -> Pose:
-    """Where the coarse paints lie on each other near a pose, as it slides and turns on the skin.
-
-    Parameters
-    ----------
-    held : ndarray, shape (6, 6)
-        Inverse covariance of how far that may be.
-    """
-    free = np.ix_(_SLIDING, _SLIDING)
-    # After two steps it lies there.
-    for _ in range(2):
-        found = of_paint(first, samples, pose, centre, coarse=True)
-        both = found.both[:, _SLIDING]
-        normal = both.T @ (both * found.weight[:, None]) + held[free]
-        step = np.zeros(6)
-        step[_SLIDING] = -np.linalg.solve(normal, found.gradient[_SLIDING])
-        pose = moved(pose, step, centre)
-    return pose
-
-
 def not_worse(places: Iterable[Place], most: int) -> list[Place]:
     """Of some places the best, and those that are not clearly worse, in order of evidence."""
     best: Place | None = None
@@ -398,8 +389,8 @@ def candidates(
     across, centre = np.sqrt(np.diag(near.doubt)), near.centre
     # As far as is looked for at most, metres: most of what a cloud sees.
     reach = np.clip(_WITHIN * across[:2], 2 * _CELL, 0.2)
-    turns = np.arange(-3, 4) * _TURN
-    turns = turns[np.abs(turns) <= max(_WITHIN * across[5], _TURN / 2)]
+    steps = int(_WITHIN * across[5] / _TURN)
+    turns = np.arange(-steps, steps + 1) * _TURN
     turns = turns[np.argsort(np.abs(turns), kind='stable')]
     found: list[tuple[float, NDArray[np.float64]]] = []
     for turn in turns:
@@ -412,8 +403,9 @@ def candidates(
         found.sort(key=lambda each: -each[0])
     kept: list[NDArray[np.float64]] = []
     for height, step in found:
-        is_rival = height >= _RIVAL * found[0][0]
-        if is_rival and all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
+        if height < _RIVAL * found[0][0] or len(kept) > _MOST:
+            break
+        if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
             kept.append(step)
     return [moved(guess, step, centre) for step in kept]
 

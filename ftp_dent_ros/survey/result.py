@@ -40,6 +40,12 @@ class DentRelief:
         v, u = np.mgrid[:rows, :columns].astype(float)
         return (u - columns // 2) * self.spacing, (v - rows // 2) * self.spacing
 
+    def plane(self, dent: MeasuredDent, slide: Array | tuple[float, float] = (0, 0)) -> Array:
+        """Points of the grid, slid along it and across, in the plane through a dent, (..., 3)."""
+        across = np.cross(dent.normal, dent.axis)
+        aside = np.stack(self.places(), axis=-1) + slide
+        return dent.position + aside @ np.stack([dent.axis, across])
+
     def above(self, places: Array, dent: MeasuredDent) -> Array:
         """Heights of the skin above places of shape (..., 3), by the dent that it is about."""
         off, half = places - dent.position, np.array(self.heights.shape) // 2
@@ -92,11 +98,6 @@ class CoverageCells:
     positions: NDArray[np.float32]
     findable: NDArray[np.float32]
 
-    @property
-    def area(self) -> float:
-        """That was measured, square metres."""
-        return len(self.positions) * self.size**2
-
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.positions)
@@ -123,13 +124,11 @@ class CoverageCells:
         # To the height of the skin there: two maps may differ by more than a cell.
         _, nearest = self._tree.query(place)
         place = place + normal * float((self.positions[nearest] - place) @ normal)
-        steps = np.arange(-np.ceil(radius / self.size), np.ceil(radius / self.size) + 1)
-        a, b = np.meshgrid(steps * self.size, steps * self.size)
-        disc = np.hypot(a, b) <= max(radius, 0.5 * self.size)
-        angles = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-        a = np.concatenate([a[disc], radius * np.cos(angles)])
-        b = np.concatenate([b[disc], radius * np.sin(angles)])
-        places = place + np.stack([a, b], axis=-1) @ tangent_axes(normal)[:2]
+        # Rings, at most a cell apart, and their points.
+        rings = np.linspace(0, radius, math.ceil(radius / self.size) + 1)[:, None]
+        angles = np.linspace(0, 2 * np.pi, 8 * len(rings), endpoint=False)
+        disc = np.stack([rings * np.cos(angles), rings * np.sin(angles)], axis=-1)
+        places = place + disc.reshape(-1, 2) @ tangent_axes(normal)[:2]
         # Half a cell's diagonal is 0.7 of its side; the rest is for the skin's curve.
         _, index = self._tree.query(places, distance_upper_bound=self.size)
         # One more for what was not measured.

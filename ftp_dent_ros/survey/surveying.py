@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
+from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.seen import SeenCloud
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent
 from ftp_dent_ros.dents.dent_list import DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
+from ftp_dent_ros.dents.sightings import ListedDent
 from ftp_dent_ros.errors import BagError, CloudError
 from ftp_dent_ros.inspection.inspecting import CloudInspector, Inspected, inspected
 from ftp_dent_ros.inspection.measuring.inspection import inspect
@@ -57,7 +61,7 @@ def survey_bags(
     settings: SmallestDent,
     rig_id: str,
     progress: Callable[[], Any],
-) -> Surveyed:
+) -> list[Surveyed]:
     """Make one skin of the clouds of all bags, which show one aircraft.
 
     Parameters
@@ -71,6 +75,11 @@ def survey_bags(
     progress : callable
         Called after each cloud, three times for each.
 
+    Returns
+    -------
+    list of Surveyed
+        A survey of each part that nothing ties to the others, that of most clouds first.
+
     Raises
     ------
     BagError
@@ -78,7 +87,23 @@ def survey_bags(
     CloudError
         No cloud can be used.
     """
-    joined = join_bags(bags, progress)
+    parts = join_bags(bags, progress).parts()
+    names = [name, *(f'{name}, part {number}' for number in range(2, len(parts) + 1))]
+    return [
+        _surveyed(bags, part, each, settings, rig_id, progress)
+        for part, each in zip(parts, names, strict=True)
+    ]
+
+
+def _surveyed(
+    bags: Sequence[Bag],
+    joined: Joining,
+    name: str,
+    settings: SmallestDent,
+    rig_id: str,
+    progress: Callable[[], Any],
+) -> Surveyed:
+    """Survey of one part."""
     skin = FusedSkin(bags, joined, progress)
     dents = DentList()
     for item, outcome in skin.inspected(settings, photographs=False):
@@ -93,13 +118,13 @@ def survey_bags(
         SurveyedDent(
             each.number,
             replace(each.dent, reason=each.reason),
-            _spread(joined, each.best, each.dent),
+            each.position_covariance,
             len(each.sightings),
-            skin.relief(each.dent),
+            skin.relief(each.dent, each.best),
         )
-        for each in dents.entries
+        for each in (skin.placed(entry, entry.best) for entry in dents.entries)
     )
-    joined.remarks += [sentence(dents.glass)] if dents.glass else []
+    joined.remarks[:0] = [sentence(dents.glass)] if dents.glass else []
     result = SurveyResult(
         name=name,
         sources=tuple(str(bag.path) for bag in bags),
@@ -112,12 +137,6 @@ def survey_bags(
         software=__version__,
     )
     return Surveyed(result, skin.mosaic, joined)
-
-
-def _spread(joined: Joining, number: int, dent: MeasuredDent) -> NDArray[np.float64]:
-    """Covariance of a dent's place by that of a cloud, with what all places have in common."""
-    pose, covariance = joined.graph.poses[number], joined.covariances[number]
-    return position_covariance(dent.position, pose, covariance)
 
 
 def join_bags(
@@ -137,17 +156,24 @@ def join_bags(
     BagError
         A bag has no clouds in the camera's frame, or poses in another map than the others.
     CloudError
-        No cloud can be used, or nothing tells where a bag's skin lies.
+        No cloud can be used, or nothing tells how they lie.
     """
-    joining = Joining()
+    joining, unused = Joining(), Counter[str]()
     remarks, frame_id, without_covariance = joining.remarks, '', 0
+
+    def leave_out(sentence: str) -> None:
+        """Keep what tells of one cloud, and count its reason."""
+        remarks.append(sentence)
+        unused[sentence.partition(': ')[2]] += 1
+
     for flight, bag in enumerate(bags):
-        for item in bag_clouds(bag, lambda skipped: remarks.append(str(skipped)), False):
+        for item in bag_clouds(bag, leave_out, False, unplaced=True):
             if not item.in_camera:
                 raise BagError(
                     f'{bag.path}: has its clouds in {item.frame_id} alone: record /points too'
                 )
             if item.stamp_ns in joining.numbers:
+                leave_out(f'cloud at {item.stamp_ns / 1e9:.3f} s: is in another bag already')
                 continue
             covariance = item.covariance
             if item.pose is not None:
@@ -162,12 +188,13 @@ def join_bags(
             try:
                 joining.add(item.stamp_ns, item.cloud, item.pose, covariance, flight)
             except CloudError as reason:
-                remarks.append(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
+                leave_out(f'cloud at {item.stamp_ns / 1e9:.3f} s: {reason}')
             progress()
     if not joining.numbers:
-        raise CloudError(f'{bags[0].path}: no cloud in it can be used: check the clouds')
+        why = next(iter(unused), 'check the clouds')
+        raise CloudError(f'{bags[0].path}: no cloud in it can be used: {why}')
     joining.finish()
-    of_parts, clouds = _ties(joining, bags), len(joining.numbers)
+    clouds = len(joining.numbers)
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
     counted = (
         (
@@ -182,46 +209,50 @@ def join_bags(
             f'{"the autopilot" if frame_id else "their shape"} tells where they lie; record /skin '
             'too',
         ),
+        *((count, f'clouds or messages are not used: {why}') for why, count in unused.items()),
     )
-    remarks += [f'{count} {text}' for count, text in counted if count] + of_parts
+    # First what is said of the whole, then cloud by cloud.
+    remarks[:0] = _ties(joining, bags[0].path) + [
+        f'{count} {text}' for count, text in counted if count
+    ]
     joining.frame_id = frame_id or joining.frame_id
     return joining
 
 
-def _ties(joining: Joining, bags: Sequence[Bag]) -> list[str]:
+def _ties(joining: Joining, source: Path) -> list[str]:
     """What is to be said if the clouds are no one skin.
 
     Raises
     ------
     CloudError
-        Nothing places some of them: a bag that shares no skin, or clouds by guess alone.
+        Nothing places them.
     """
-    nodes, groups = joining.graph.nodes, np.array(joining.graph.groups())
-    flights = np.array([node.flight for node in nodes])
-    placed = np.array([node.covariance is not None for node in nodes])
-    unplaced = np.setdiff1d(flights, flights[placed]).tolist()
-    # Without any poses, the first bag's skin is the frame of the others.
-    for flight in unplaced[0 if placed.any() else 1 :]:
-        own = flights == flight
-        if not np.isin(groups[own], groups[~own]).any():
-            raise CloudError(
-                f'{bags[flight].path}: has no poses, and shares no skin with the other bags, so '
-                'that nothing tells where it lies: survey it by itself'
-            )
-    sizes = np.bincount(groups)
-    if len(sizes) == 1:
-        return []
-    if not placed.any() and joining.without_skin == len(nodes):
+    parts, clouds, told = joining.parts(), len(joining.numbers), []
+    is_placed = any(node.covariance is not None for node in joining.graph.nodes)
+    if len(parts) > 1 and not is_placed and joining.without_skin == clouds:
         raise CloudError(
-            f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
+            f'{source}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-    adrift = len(sizes) - len(np.unique(groups[placed]))
-    return [
-        f'the clouds are not one skin but {len(sizes)} parts, the largest of {sizes.max()} '
-        'clouds: only the autopilot tells how these lie to each other'
-        + (f', and {adrift} of them have no poses: they lie there by guess' if adrift else '')
-    ]
+    if len(parts) > 1:
+        told.append(
+            f'the clouds are not one skin but {len(parts)} parts, the largest of '
+            f'{len(parts[0].numbers)} of {clouds} clouds: only the autopilot tells how these lie '
+            'to each other, if anything does, so that each is surveyed by itself'
+        )
+    loose = clouds - sum(np.bincount(part.graph.groups()).max() for part in parts)
+    if loose:
+        told.append(
+            f'{loose} of {clouds} clouds are tied to the most of theirs by poses alone: what '
+            'they show is not averaged with it, and their dents lie as well as the poses do'
+        )
+    days = (max(joining.numbers) - min(joining.numbers)) / 86_400e9
+    if days > 1:
+        told.append(
+            f'{days:.0f} days are between the first cloud and the last: what has changed between '
+            'them is averaged; survey the flights one by one, and compare'
+        )
+    return told
 
 
 class FusedSkin:
@@ -239,22 +270,38 @@ class FusedSkin:
     def __init__(self, bags: Sequence[Bag], joined: Joining, progress: Callable[[], Any]) -> None:
         self._bags, self._joined, self._progress = bags, joined, progress
         skin, places = unrolled(joined.footprints, joined.graph.poses)
-        flat = np.concatenate(places)[:, :2].astype(float)
-        # With some room, metres.
-        extent = flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
-        self.mosaic, self._fusion = Mosaic(skin, *extent), Fusion(skin, *extent)
-        for item, pose in self._clouds(False):
-            self._fusion.add(item.cloud, pose)
+        #: Number of the group of each cloud: what is not tied is not averaged.
+        self._groups = joined.graph.groups()
+        self.mosaic, sizes = Mosaic(skin, *_extent(places)), np.bincount(self._groups)
+        # Where several groups lie, the largest is drawn.
+        for number in np.lexsort((self._groups, sizes[self._groups])):
+            share = joined.footprints[number].share
+            self.mosaic.claim(places[number], share, self._groups[number])
+        # A cloud by itself has none.
+        self._fusions = {
+            group: Fusion(
+                skin, *_extent([places[k] for k in np.flatnonzero(self._groups == group)])
+            )
+            for group in np.flatnonzero(sizes > 1)
+        }
+        self._nothing = Fusion(skin, self.mosaic.low - 1, self.mosaic.low - 1)
+        for item, pose, number in self._clouds(False):
+            self._fusion(number).add(item.cloud, pose)
             progress()
 
-    def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose]]:
-        """The clouds that were joined, each the first time that it comes, and their poses."""
-        numbers = dict(self._joined.numbers)
-        for bag in self._bags:
-            for item in bag_clouds(bag, photographs=photographs):
+    def _fusion(self, number: int) -> Fusion:
+        """What the clouds that are tied to one tell together."""
+        return self._fusions.get(self._groups[number], self._nothing)
+
+    def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose, int]]:
+        """The clouds that were joined, each the first time that it comes, poses and numbers."""
+        graph, numbers = self._joined.graph, dict(self._joined.numbers)
+        for flight in sorted({node.flight for node in graph.nodes}):
+            bag = self._bags[flight]
+            for item in bag_clouds(bag, photographs=photographs, unplaced=True):
                 number = numbers.pop(item.stamp_ns, None)
                 if number is not None:
-                    yield item, self._joined.graph.poses[number]
+                    yield item, graph.poses[number], number
 
     def inspected(
         self, settings: SmallestDent, photographs: bool = True
@@ -266,33 +313,39 @@ class FusedSkin:
         """
         graph = self._joined.graph
         among_them = graph.covariances(anchor=len(graph.poses) // 2)
-        for item, pose in self._clouds(photographs):
-            cloud = self._fusion.fused(item.cloud, pose)
-            covariance = among_them[self._joined.numbers[item.stamp_ns]]
+        for item, pose, number in self._clouds(photographs):
+            cloud, covariance = self._fusion(number).fused(item.cloud, pose), among_them[number]
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
-            self.mosaic.add(cloud, pose, found)
+            self.mosaic.add(cloud, pose, found, self._groups[number])
             if found is not None:
                 dents, others = (
-                    tuple(self._doubted(dent, pose) for dent in part)
+                    tuple(_less_sure(dent, item.cloud, cloud) for dent in part)
                     for part in (found.dents, found.others)
                 )
                 outcome = Inspected(replace(found, dents=dents, others=others))
             yield placed, outcome
             self._progress()
 
-    def _doubted(self, dent: MeasuredDent, pose: Pose) -> MeasuredDent:
-        """A dent whose depth and volume are as uncertain as what clouds may have in common."""
-        part = self._fusion.shared(pose.apply(dent.position)) / abs(dent.depth.value)
-        depth, volume = (
-            Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
-            for each in (dent.depth, dent.volume)
-        )
-        return replace(dent, depth=depth, volume=volume)
+    def placed(self, entry: ListedDent, number: int) -> ListedDent:
+        """An entry that a cloud shows best, as uncertain as that cloud's place is.
 
-    def relief(self, dent: MeasuredDent) -> DentRelief | None:
-        """The skin about a dent; None where its sizes are not known."""
+        It is in doubt where more clouds than are tied to that one show the place.
+        """
+        dent, joined = entry.dent, self._joined
+        known = joined.graph.poses[number], joined.covariances[number]
+        owner, sizes = self.mosaic.owner(dent.position), np.bincount(self._groups)
+        if owner >= 0 and sizes[owner] > sizes[self._groups[number]]:
+            doubt = (
+                'only poses tell where it lies, and others show that place: may be one of theirs'
+            )
+            dent = replace(dent, reason='; '.join(filter(None, (dent.reason, doubt))))
+        spread = position_covariance(dent.position, *known)
+        return replace(entry, dent=dent, position_covariance=spread)
+
+    def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
+        """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
         if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
             return None
         # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
@@ -301,11 +354,33 @@ class FusedSkin:
         spacing = max(PIXEL, 2 * float(halves.max()) / 80)
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
-        a, b = DentRelief(spacing, empty).places()
-        across = np.cross(dent.normal, dent.axis)
-        plane = dent.position + a[..., None] * dent.axis + b[..., None] * across
-        heights = (self._fusion.heights(plane) - dent.position) @ dent.normal
+        plane = DentRelief(spacing, empty).plane(dent)
+        heights = (self._fusion(number).heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
+
+
+def _extent(places: Sequence[NDArray[np.float32]]) -> tuple[NDArray, NDArray]:
+    """Least and largest x and y of clouds' places, with some room, metres."""
+    flat = np.concatenate(places)[:, :2].astype(float)
+    return flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
+
+
+def _less_sure(dent: MeasuredDent, cloud: Cloud, fused: Cloud) -> MeasuredDent:
+    """A dent of a fused cloud, its depth and volume as uncertain as the cloud by itself is there.
+
+    What windows take of a dent, and the rig's errors, all clouds may have in common: that makes no
+    dent of bare skin, but does not average out of a dent's depth either.
+    """
+    # Points about the middle, metres.
+    near = np.linalg.norm(cloud.points - dent.position, axis=-1) < 0.006
+    known = cloud.sigma[near & (fused.sigma < cloud.sigma)]
+    shared = math.sqrt(float(np.square(known).mean())) if len(known) else 0.0
+    part = shared / abs(dent.depth.value)
+    depth, volume = (
+        Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
+        for each in (dent.depth, dent.volume)
+    )
+    return replace(dent, depth=depth, volume=volume)
 
 
 def report_on_skin(
@@ -317,6 +392,8 @@ def report_on_skin(
     progress: Callable[[], Any] = lambda: None,
 ) -> tuple[InspectionReport, Joining]:
     """Join a bag's clouds, inspect each with what all tell of its place, and show the whole skin.
+
+    Of several parts that nothing ties, that of most clouds.
 
     Parameters
     ----------
@@ -333,7 +410,10 @@ def report_on_skin(
     CloudError
         No cloud in it could be used.
     """
-    joined = join_bags([bag], progress)
+    joined, *others = join_bags([bag], progress).parts()
+    if others:
+        count = sum(len(each.numbers) for each in others)
+        joined.remarks.insert(0, f'{count} clouds of other parts are not in this report')
     skin = FusedSkin([bag], joined, progress)
     inspector = CloudInspector(inspect, len(joined.numbers), settings=settings)
     covered = coverages_of(bag)
@@ -341,14 +421,12 @@ def report_on_skin(
         coverage = covered.get(item.stamp_ns)
         inspector.take(replace(item, frame_id=joined.frame_id, coverage=coverage), outcome)
     report = inspector.report(str(bag.path), rig, camera, rules)
-    frames, numbers = [], []
-    for each in report.frames:
-        numbers.append(joined.numbers[each.stamp_ns or 0])
-        frames.append(replace(each, covariance=joined.covariances[numbers[-1]]))
-    entries = tuple(
-        replace(each, position_covariance=_spread(joined, numbers[each.best - 1], each.dent))
-        for each in report.entries
+    numbers = [joined.numbers[each.stamp_ns or 0] for each in report.frames]
+    frames = tuple(
+        replace(each, covariance=joined.covariances[number])
+        for each, number in zip(report.frames, numbers, strict=True)
     )
+    entries = tuple(skin.placed(each, numbers[each.best - 1]) for each in report.entries)
     facts = [('Joined by', '{} pairs of clouds, {} left out'.format(*joined.pairs))]
     shown = skin_of(skin.mosaic, entries, facts, joined.remarks)
-    return replace(report, frames=tuple(frames), entries=entries, skin=shown), joined
+    return replace(report, frames=frames, entries=entries, skin=shown), joined

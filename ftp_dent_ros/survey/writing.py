@@ -21,8 +21,8 @@ from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
-from ftp_dent_ros.survey.result import CoverageCells, SurveyedDent
-from ftp_dent_ros.survey.unrolled import Gap
+from ftp_dent_ros.survey.result import SurveyedDent
+from ftp_dent_ros.survey.unrolled import CELL, Gap
 
 if TYPE_CHECKING:
     from ftp_dent_ros.survey.surveying import Surveyed
@@ -77,9 +77,7 @@ def write_survey(folder: Path, survey: Surveyed, frame: AircraftFrame | None = N
 def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, Any]:
     """All that is found, as JSON has it: metres but where the name says millimetres."""
     result, mosaic, joined = survey.result, survey.mosaic, survey.joined
-    cells = result.coverage
-    skin = mosaic.skin
-    half, most = findable_shares(cells.findable)
+    skin, (half, most) = mosaic.skin, findable_shares(mosaic.findable)
     return {
         'name': result.name,
         'sources': list(result.sources),
@@ -106,11 +104,12 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
             'y_axis': skin.around.tolist(),
             'normal': skin.normal.tolist(),
             'radius': skin.radius,
+            'taper': skin.taper,
         },
         'dents': [_record(each, survey, frame) for each in result.dents],
         'coverage': {
-            'cell_mm': PIXEL * PIXELS_A_CELL * 1e3,
-            'area_m2': cells.area,
+            'cell_mm': CELL * 1e3,
+            'area_m2': mosaic.area,
             'findable_mm': {'median': half * 1e3, 'p95': most * 1e3},
             'gaps': [
                 {
@@ -200,24 +199,23 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
 
 def _places(survey: Surveyed) -> dict[str, Any]:
     """What the page needs to tell the place of a pixel."""
-    mosaic, cells = survey.mosaic, survey.mosaic.coverage()
-    skin = mosaic.skin
-    height = _by_cell(mosaic, skin.place(cells.positions.astype(float))[:, 2])
-    findable = _by_cell(mosaic, cells.findable)
+    mosaic, skin = survey.mosaic, survey.mosaic.skin
+    height = np.where(mosaic.measured(), skin.place(mosaic.cloud().points)[..., 2], np.nan)
     return {
         'name': survey.result.name,
         'pixel': PIXEL,
-        'side': cells.size,
+        'side': CELL,
         'low': mosaic.low.tolist(),
         'rows': height.shape[0],
         'columns': height.shape[1],
         'height': drawing.coded(height),
-        'findable': drawing.coded(findable),
+        'findable': drawing.coded(mosaic.findable),
         'origin': skin.origin.tolist(),
         'axis': skin.axis.tolist(),
         'around': skin.around.tolist(),
         'normal': skin.normal.tolist(),
         'radius': skin.radius,
+        'taper': skin.taper,
     }
 
 
@@ -240,7 +238,7 @@ def skin_of(
         What could not be used, and why; the first twelve are shown.
     """
     rows, columns = mosaic.shape
-    cells, (gaps, gap_mask) = mosaic.coverage(), mosaic.gaps()
+    gaps, gap_mask = mosaic.gaps()
     # A long strip is shown in parts, each at most four times as long as it is high.
     count = max(1, math.ceil(columns / (4.0 * rows)))
     more = [f'And {len(remarks) - 12} more remarks.'] if len(remarks) > 12 else []
@@ -249,10 +247,10 @@ def skin_of(
         'windows': [
             (round(k * columns / count, 2), round(columns / count, 2)) for k in range(count)
         ],
-        'layers': _layers(mosaic, cells, gap_mask),
+        'layers': _layers(mosaic, gap_mask),
         'outlines': [_outline(each, mosaic) for each in dents],
         'bar': drawing.scale_bar(PIXEL, columns / count),
-        'facts': [*facts, *_coverage_facts(gaps, cells)],
+        'facts': [*facts, *_coverage_facts(gaps, mosaic)],
         'gaps': [
             {
                 'x': f'{gap.place[0]:.3f}',
@@ -267,17 +265,7 @@ def skin_of(
     }
 
 
-def _by_cell(mosaic: Mosaic, values: NDArray) -> NDArray[np.float64]:
-    """Values of the measured cells on the mosaic's grid of cells, NaN elsewhere."""
-    measured = mosaic.measured()
-    grid = np.full(measured.shape, np.nan)
-    grid[measured] = values
-    return grid
-
-
-def _layers(
-    mosaic: Mosaic, cells: CoverageCells, gap_mask: NDArray[np.bool_]
-) -> list[dict[str, Any]]:
+def _layers(mosaic: Mosaic, gap_mask: NDArray[np.bool_]) -> list[dict[str, Any]]:
     picture = np.repeat(mosaic.image[::-1, :, None], 3, axis=-1)
     layers: list[dict[str, Any]] = [
         {
@@ -293,7 +281,7 @@ def _layers(
             'scale': drawing.depth_scale(_DEEPEST),
         },
     ]
-    findable = _by_cell(mosaic, cells.findable) * 1e3
+    findable = mosaic.findable.astype(float) * 1e3
     known = findable[np.isfinite(findable)]
     if not len(known):
         return layers
@@ -308,7 +296,7 @@ def _layers(
     layers.append(
         {
             'title': 'Smallest dent that would have been found',
-            'caption': f'Depth in mm, in each cell of {cells.size * 1e3:.0f} mm, of a dent of the '
+            'caption': f'Depth in mm, in each cell of {CELL * 1e3:.0f} mm, of a dent of the '
             'smallest width. Grey: not measured; red: a gap.',
             'data': drawing.png(pixels[::-1]),
             'scale': {
@@ -320,15 +308,15 @@ def _layers(
     return layers
 
 
-def _coverage_facts(gaps: Sequence[Gap], cells: CoverageCells) -> list[tuple[str, str]]:
-    missing = sum(gap.area for gap in gaps)
-    share = cells.area / (cells.area + missing) if cells.area else 0.0
+def _coverage_facts(gaps: Sequence[Gap], mosaic: Mosaic) -> list[tuple[str, str]]:
+    area, missing = mosaic.area, sum(gap.area for gap in gaps)
+    share = area / (area + missing) if area else 0.0
     largest = ', the largest {:.0f} x {:.0f} mm'.format(*(gaps[0].size * 1e3)) if gaps else ''
     facts = [
-        ('Measured', f'{cells.area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
+        ('Measured', f'{area:.3f} m², {100 * share:.2f} % of the skin without its rim'),
         ('Gaps', f'{len(gaps)}{largest}'),
     ]
-    half, most = (1e3 * share for share in findable_shares(cells.findable))
+    half, most = (1e3 * share for share in findable_shares(mosaic.findable))
     if math.isfinite(most):
         text = f'{half:.3f} mm deep on half of it, {most:.3f} mm on 95 %'
         facts.append(('A dent was found from', text))

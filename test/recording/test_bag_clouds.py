@@ -80,6 +80,16 @@ def recorded(tmp_path):
     return record
 
 
+def test_a_cloud_whose_pose_is_missing_is_told_of_or_given_without_one(recorded):
+    contents = [item for stamp in (7, 8, 9) for item in parts(stamp).items()]
+    left = [item for number, item in enumerate(contents) if number != 2]
+    bag, skipped = recorded(*left), []
+    assert [item.stamp_ns for item in bag_clouds(bag, skipped.append)] == [8, 9]
+    assert skipped == ['/tagged/points at 0.000 s: has no pose']
+    placed = [each.vehicle is not None for each in bag_clouds(bag, unplaced=True)]
+    assert placed == [False, True, True]
+
+
 def test_the_same_cloud_five_times_is_one(recorded):
     skipped = []
     clouds = list(bag_clouds(recorded(*(5 * list(parts().items()))), skipped.append))

@@ -9,6 +9,8 @@ import pytest
 from flown_skin import STATED, FlownSkin, erring
 from scipy.spatial.transform import Rotation
 
+from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.survey.joining import Joining
 
@@ -131,3 +133,56 @@ def test_without_poses_the_clouds_join_by_themselves():
     poses = list(skin.flight(4))
     joining = joined(skin, poses, [None] * 4)
     assert relative_errors(joining.graph, poses).max() < 0.6
+
+
+def test_flights_are_found_on_each_other_as_far_as_their_poses_state():
+    skin, joining, true = FlownSkin(31), Joining(), []
+    covariance = np.diag([0.3**2] * 3 + [0.015**2] * 3)
+    for flight in range(2):
+        poses = list(skin.flight(5, y=0.01 * flight))
+        true += poses
+        for index, (pose, said) in enumerate(zip(poses, erring(poses, flight), strict=True)):
+            off = Pose(said.rotation, said.translation + flight * np.array([0.4, 0.3, 0]))
+            number = 1000 * flight + index
+            joining.add(number * HALF_S, skin.seen(pose, number), off, covariance, flight)
+    joining.finish()
+    assert len(joining.parts()) == 1
+    assert relative_errors(joining.graph, true).max() < 1.0
+
+
+def test_other_skin_is_not_taken_for_the_same():
+    joining = Joining()
+    covariance = np.diag([0.3**2] * 3 + [0.015**2] * 3)
+    for flight in range(2):
+        skin = FlownSkin(41 + flight)
+        poses = list(skin.flight(4))
+        for index, pose in enumerate(poses):
+            number = 1000 * flight + index
+            joining.add(number * HALF_S, skin.seen(pose, number), pose, covariance, flight)
+    joining.finish()
+    first, second = joining.parts()
+    assert len(first.numbers) == len(second.numbers) == 4
+    assert list(second.numbers.values()) == [0, 1, 2, 3]
+
+
+def test_odd_clouds_are_refused_with_a_reason_and_change_nothing():
+    skin, joining, rng = FlownSkin(31), Joining(), np.random.default_rng(1)
+    poses = list(skin.flight(2))
+    good = skin.seen(poses[0], 0)
+    far, shape = good.points.copy(), good.points.shape
+    far[40, 50] = [5e3, 0, 0.8]
+    row = good.points.reshape(1, -1, 3), good.intensity.reshape(1, -1)
+    odd = {
+        'points far off': replace(good, points=far),
+        'correct its unit': replace(good, points=1e3 * good.points),
+        'not the grid of a camera': Cloud(*row),
+        'it is noise': replace(good, points=rng.normal(size=shape).astype(np.float32)),
+        'neighbours': replace(good, points=0 * good.points),
+    }
+    joining.add(0, good, poses[0], STATED)
+    for number, (reason, cloud) in enumerate(odd.items(), start=1):
+        with pytest.raises(CloudError, match=reason):
+            joining.add(number, cloud, poses[0], STATED)
+    joining.add(HALF_S, skin.seen(poses[1], 1), poses[1], STATED)
+    joining.finish()
+    assert list(joining.numbers) == [0, HALF_S] and len(set(joining.graph.groups())) == 1

@@ -198,3 +198,32 @@ def test_an_autopilot_that_jumps_is_overruled():
     first, true = graph.poses[0].inverse(), poses[0].inverse()
     seen = [first @ pose for pose in graph.poses]
     assert farthest(seen, [true @ pose for pose in poses]) < 2e-3
+
+
+@pytest.mark.parametrize('constant', [True, False])
+def test_a_place_is_as_uncertain_as_its_flights_error_is_constant(constant):
+    """What does not change within a flight does not average out, however long it is."""
+    ratios, stated = [], []
+    for seed in range(4):
+        rng = np.random.default_rng([8, seed])
+        poses = flight(rng, 90)
+        said = erring(poses, seed, 4.0)
+        if constant:
+            off = rng.multivariate_normal(np.zeros(6), STATED)
+            turn = Rotation.from_rotvec(off[3:])
+            said = [Pose(turn * each.rotation, each.translation + off[:3]) for each in poses]
+        links, _ = relatives(rng, poses, 0.0, 0.0)
+        graph = PoseGraph()
+        for number, each in enumerate(said):
+            graph.add(Node(each, STATED, 4.0 * number, 0), each)
+            for first, second, found in links:
+                if second == number:
+                    graph.link(first, second, found)
+        graph.settle()
+        spread = graph.covariances(only=[45])[0]
+        off = graph.poses[45].translation - poses[45].translation
+        ratios.append(off @ np.linalg.solve(spread[:3, :3], off) / 3)
+        stated.append(np.sqrt(np.trace(spread[:3, :3]) / 3))
+    assert 0.1 < np.mean(ratios) < 2.5
+    # Of 30 mm that are stated: all of it, or what 360 s leave of a drift of some seconds.
+    assert np.mean(stated) > 0.027 if constant else np.mean(stated) < 0.015

@@ -7,57 +7,18 @@ import json
 import cv2
 import numpy as np
 import pytest
-from bag_samples import (
-    CLOUD,
-    DIAGNOSTICS,
-    IMAGE,
-    LOCATED,
-    SECOND,
-    cloud_message,
-    data_of,
-    diagnostics,
-    image,
-    located,
-    place,
-    topic,
-)
-from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
+from bag_samples import SECOND
+from dent_samples import make_dent
+from flown_skin import COLUMNS, ROWS, SPACING, FlownSkin, erring
+from flown_surveys import START_NS, record
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cli.main import main
+from ftp_dent_ros.dents.dent import Inspection
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.recording.topic import Message
-from ftp_dent_ros.recording.writer import BagWriter
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.store import SurveyStore
-from ftp_dent_ros.survey.unrolled import Unrolled
-
-TYPES = {'/skin': IMAGE, '/points': CLOUD, '/tagged/camera_pose': LOCATED}
-HALF_S = 500_000_000
-START_NS = 1_760_000_000 * SECOND
-
-
-def contents(cloud, pose, stamp_ns, rows):
-    eye = 'camera_optical_frame'
-    yield '/skin', data_of(image(stamp_ns, eye, cloud.skin[:rows], 'mono8'), IMAGE)
-    yield '/points', data_of(cloud_message(stamp_ns, eye, cloud), CLOUD)
-    if pose is not None:
-        there = place(pose.translation, pose.quaternion)
-        yield '/tagged/camera_pose', located(stamp_ns, there, STATED)
-
-
-def record(folder, skin, poses, stated, without=(), start_ns=START_NS, rig='', rows=ROWS):
-    with BagWriter(folder) as writer:
-        if rig:
-            writer.add_topic(DIAGNOSTICS)
-            writer.write([diagnostics(0, rig=rig)])
-        for index, (pose, said) in enumerate(zip(poses, stated, strict=True)):
-            stamp = start_ns + index * HALF_S
-            for name, data in contents(skin.seen(pose, index), said, stamp, rows):
-                if name not in without:
-                    writer.add_topic(topic(name, TYPES[name]))
-                    writer.write([Message(name, TYPES[name], stamp, stamp, data)])
-    return folder
+from ftp_dent_ros.survey.unrolled import Unrolled, find_gaps
 
 
 @pytest.fixture(scope='module')
@@ -132,23 +93,74 @@ def test_what_a_bag_lacks_is_told_or_it_is_refused(tmp_path, skin, capsys):
 
 
 @pytest.mark.parametrize('placed', ['both', 'near', 'none'])
-def test_flights_that_share_no_skin_lie_where_the_autopilot_says_or_are_refused(
-    tmp_path, skin, capsys, placed
-):
+def test_flights_that_share_no_skin_are_parts_wherever_they_lie(tmp_path, skin, placed):
     bags = []
     for number, (name, start) in enumerate((('near', 0.0), ('far', 0.9))):
         poses = list(skin.flight(2, start=start))
         said = erring(poses, number) if placed in ('both', name) else [None] * 2
         start_ns = START_NS + number * 1000 * SECOND
         bags.append(str(record(tmp_path / name, skin, poses, said, (), start_ns)))
-    status = main(['survey', *bags, '--output', str(tmp_path / 'out')])
-    if placed == 'both':
-        remarks = ' '.join(json.loads((tmp_path / 'out/survey.json').read_text())['remarks'])
-        assert status == 0 and 'not one skin but 2 parts' in remarks
-        assert 'only the autopilot tells how these lie' in remarks
-        return
-    assert status == 2 and 'far: has no poses, and shares no skin' in capsys.readouterr().err
-    assert main(['survey', bags[1], '--output', str(tmp_path / 'out')]) == 0
+    assert main(['survey', *bags, '--output', str(tmp_path / 'out')]) == 0
+    frames = []
+    for folder in ('out', 'out/part-2'):
+        found = json.loads((tmp_path / folder / 'survey.json').read_text())
+        assert 'not one skin but 2 parts' in found['remarks'][0]
+        assert 'only the autopilot tells how these lie' in found['remarks'][0]
+        frames.append(found['frame_id'])
+    assert frames == [
+        'survey' if placed == 'none' else 'map',
+        'map' if placed == 'both' else 'survey',
+    ]
+
+
+def test_flights_that_nothing_ties_are_surveyed_each_by_itself(tmp_path, skin):
+    """They show one skin, and their poses lie about where it is."""
+    bags = []
+    for number, off in enumerate(((0, 0, 0), (20.0, 0.3, 0))):
+        poses = list(skin.flight(5 - number))
+        said = [Pose(each.rotation, each.translation + off) for each in erring(poses, number)]
+        start_ns = START_NS + number * 400 * 86_400 * SECOND
+        bags.append(str(record(tmp_path / str(number), skin, poses, said, (), start_ns)))
+    store = tmp_path / 'aircraft.sqlite'
+    words = ['survey', *bags, '--output', str(tmp_path / 'out'), '--store', str(store)]
+    assert main([*words, '--name', 'spring']) == 0
+    for folder, clouds in (('out', 5), ('out/part-2', 4)):
+        found = json.loads((tmp_path / folder / 'survey.json').read_text())
+        assert len(found['poses']) == clouds
+        depths = sorted(each['depth_mm'] for each in found['dents'])
+        assert depths == pytest.approx([0.3, 0.5], rel=0.1)
+        assert found['remarks'][0].startswith('the clouds are not one skin but 2 parts')
+        assert found['remarks'][1].startswith('400 days are between')
+    assert SurveyStore(store).names() == ('spring', 'spring, part 2')
+
+
+def test_what_a_cloud_shows_that_only_its_pose_places_is_in_doubt(tmp_path, skin):
+    """Its pose lies by 0.1 m, and without an image nothing tells."""
+    poses = list(skin.flight(5))
+    said = erring(poses, 1)
+    said[2] = Pose(said[2].rotation, said[2].translation + np.array([0.1, 0.05, 0]))
+    bag = record(tmp_path / 'flight', skin, poses, said, [('/skin', 2)])
+    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
+    found = json.loads((tmp_path / 'out' / 'survey.json').read_text())
+    sure = [each['depth_mm'] for each in found['dents'] if not each['reason']]
+    assert sorted(sure) == pytest.approx([0.3, 0.5], rel=0.1)
+    doubted = [each for each in found['dents'] if each['reason']]
+    assert doubted and all('may be one of theirs' in each['reason'] for each in doubted)
+    assert found['remarks'][0].startswith('1 of 5 clouds are tied')
+    assert found['coverage']['gaps'] == []
+
+
+def test_clouds_without_a_pose_are_used_and_counted(tmp_path, skin):
+    poses = list(skin.flight(5))
+    said = [pose if k % 2 else None for k, pose in enumerate(erring(poses, 2))]
+    bag = record(tmp_path / 'flight', skin, poses, said)
+    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
+    found = json.loads((tmp_path / 'out' / 'survey.json').read_text())
+    assert len(found['poses']) == 5 and len(found['dents']) == 2
+    area = (4 * 0.05 + COLUMNS * SPACING) * ROWS * SPACING
+    assert found['coverage']['area_m2'] == pytest.approx(area, rel=0.06)
+    assert found['remarks'][0].startswith('3 of 5 clouds have no pose')
+    assert found['frame_id'] == 'map' and not (tmp_path / 'out' / 'part-2').exists()
 
 
 def test_a_bag_of_another_rig_is_refused(tmp_path, skin, capsys):
@@ -167,31 +179,76 @@ def test_a_bag_of_another_rig_is_refused(tmp_path, skin, capsys):
     assert json.loads((tmp_path / 'out' / 'survey.json').read_text())['rig'] == 'one'
 
 
-def test_a_gap_between_passes_is_found_and_no_cell_too_many(skin):
+def test_a_gap_between_passes_is_found_and_no_cell_too_many():
     down = Rotation.from_euler('x', np.pi)
     poses = [Pose(down, np.array([0.0, y, 0.8])) for y in (-0.12, 0.12)]
-    flat = FlownSkin(3)
-    mosaic = Mosaic(
-        Unrolled(np.zeros(3), *np.eye(3)[[0, 1, 2]], 1e6),
-        np.array([-0.3, -0.4]),
-        np.array([0.3, 0.4]),
-    )
+    flat, mosaic = FlownSkin(3), flat_mosaic()
     for number, pose in enumerate(poses):
         mosaic.add(flat.seen(pose, number), pose, None)
     (gap,), _ = mosaic.gaps()
     assert gap.size[1] == pytest.approx(0.02, abs=0.0101)
     assert abs(gap.place[1]) < 0.01
-    area = mosaic.measured().sum() * 1e-4
-    assert area == pytest.approx(2 * COLUMNS * ROWS * SPACING**2, rel=0.03)
+    assert mosaic.area == pytest.approx(2 * COLUMNS * ROWS * SPACING**2, rel=0.03)
 
 
-@pytest.mark.parametrize('radius', [1.0, -1.5, 1e9])
-def test_unrolled_lengths_are_those_on_the_skin(radius):
-    x, around = np.meshgrid(np.linspace(0, 2, 11), np.linspace(-0.2, 0.2, 21))
-    angle = around / radius
-    normals = np.stack([0 * x, np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 3)
-    points = radius * (normals - [0, 0, 1]) + np.stack([x, 0 * x, 0 * x], axis=-1).reshape(-1, 3)
-    skin = Unrolled.through(points, normals)
-    place = skin.place(points).reshape(21, 11, 3)
-    assert abs(place[-1, 0, 1] - place[0, 0, 1]) == pytest.approx(0.4, rel=0.02)
-    assert np.ptp(place[..., 2]) < 5e-3
+def test_gaps_are_of_any_size_and_notches_in_the_rim_are_none():
+    measured = np.zeros((90, 200), bool)
+    measured[5:45, 5:195] = measured[65:85, 5:195] = True
+    measured[20:23, 50:90] = measured[70, 100] = False
+    # Of the rim.
+    measured[5:8, 20:30] = measured[80:85, 120:140] = measured[5, 60] = False
+    gaps, mask = find_gaps(measured, np.array([1.0, 2.0]))
+    sizes = [gap.size.tolist() for gap in gaps]
+    assert sizes == [pytest.approx(size) for size in ((1.9, 0.2), (0.4, 0.03), (0.01, 0.01))]
+    np.testing.assert_allclose(gaps[0].place, [2.0, 2.55])
+    assert mask.sum() == 190 * 20 + 40 * 3 + 1
+
+
+def flat_mosaic():
+    plane = Unrolled(np.zeros(3), *np.eye(3)[[0, 1, 2]], 1e6)
+    return Mosaic(plane, np.array([-0.3, -0.4]), np.array([0.3, 0.4]))
+
+
+def test_the_deviation_is_blank_on_a_step_and_where_clouds_contradict_each_other():
+    pose = Pose(Rotation.from_euler('x', np.pi), np.array([0.0, 0.0, 0.8]))
+    cloud, mosaic = FlownSkin(3).seen(pose, 1), flat_mosaic()
+    for off in (0.0, 1e-4):
+        deviation = np.full(cloud.points.shape[:2], 1e-5, np.float32)
+        deviation[:, 100:] += off
+        known = np.full_like(deviation, 1e-4)
+        step = make_dent((-0.08, 0, 0.8), length=0.1, width=0.01, kind='step')
+        mosaic.add(cloud, pose, Inspection((), (step,), (), deviation, known, known))
+    shown = mosaic.deviation[mosaic.views > 0]
+    np.testing.assert_allclose(shown[np.isfinite(shown)], 1e-5, rtol=1e-3)
+    # Of the 170 columns of points.
+    assert np.isfinite(shown).mean() == pytest.approx(100 / 170, abs=0.03)
+    u, v = ((np.array([-0.08, 0.0]) - mosaic.low) / mosaic.pitch).astype(int)
+    assert np.isnan(mosaic.deviation[v, u]) and np.isfinite(mosaic.deviation[v + 10, u])
+
+
+@pytest.mark.parametrize('turn', [(0, 0, 0), (0.5 * np.pi, 0, 2.0), (0.1, 0.2, 4.0)])
+@pytest.mark.parametrize(
+    ('radius', 'taper', 'half'),
+    [(1.9, 0.0, 1.5), (-1.5, 0.0, 0.3), (1.9, 0.12, 0.8), (1.9, 0.0, 0.11), (1e6, 0.0, 0.4)],
+)
+def test_lengths_on_the_map_are_those_on_the_skin(radius, taper, half, turn):
+    """Of cylinders, a cone and a plane, whatever way they lie; with dents in them."""
+    rng, pose = np.random.default_rng(3), Pose.from_rpy(turn, (5.0, -3.0, 1.0))
+    true = Unrolled(np.zeros(3), *np.eye(3), radius, taper)
+    flat = rng.uniform((-0.8, -half), (0.8, half), (3000, 2))
+    height = 5e-6 * rng.normal(size=3000) - 2e-3 * (np.hypot(*(flat - 0.1).T) < 0.05)
+    points = true.points(flat, height)
+    np.testing.assert_allclose(true.place(points), np.column_stack([flat, height]), atol=1e-5)
+    normals = true.points(flat, 1.0) - true.points(flat)
+    skin = Unrolled.through(pose.apply(points), pose.rotation.apply(normals))
+    place = skin.place(pose.apply(true.points(flat)))[:, :2]
+    pairs = rng.integers(0, 3000, (5000, 2))
+    on_skin, on_map = (
+        np.linalg.norm(np.diff(each[pairs], axis=1)[:, 0], axis=-1) for each in (flat, place)
+    )
+    near = on_skin < 1
+    assert np.abs(on_map - on_skin)[near].max() < 5e-4
+    assert np.abs(skin.place(pose.apply(true.points(flat)))[:, 2]).max() < 1e-3
+    # Seen from outside, and y is up as far as the skin stands.
+    assert np.cross(skin.axis, skin.around) @ skin.normal == pytest.approx(1)
+    assert skin.around[2] > -1e-6 or abs(skin.around[2]) < 0.1 * abs(skin.axis[2])

@@ -26,13 +26,15 @@ class FlownSkin:
     """A cylinder about x, bent away from a camera above it, with dents and paint.
 
     `marked` is the part of x that has paint; elsewhere the skin is bare and smooth. With a `pitch`
-    the paint is rows of rivets alone, which repeat themselves along x.
+    the paint is rows of rivets alone, which repeat themselves along x. A `lap` is a y from which
+    on the skin lies higher, and by how much.
     """
 
     seed: int
     marked: tuple[float, float] = (-9.0, 9.0)
     dents: tuple[tuple[float, float, float, float], ...] = ()
     pitch: float | None = None
+    lap: tuple[float, float] | None = None
     paint: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -56,6 +58,8 @@ class FlownSkin:
 
     def height(self, x: NDArray, y: NDArray) -> NDArray:
         z = np.sqrt(RADIUS**2 - y**2) - RADIUS
+        if self.lap:
+            z = z + np.where(y > self.lap[0], self.lap[1], 0)
         for at_x, at_y, width, depth in self.dents:
             r = np.hypot(x - at_x, y - at_y) / (width / 2)
             z = z - depth * np.where(r < 1, np.square(1 - np.square(np.minimum(r, 1))), 0)
