@@ -50,7 +50,8 @@ def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) 
     surely = width + COVERAGE * sizes.width.uncertainty < settings.smallest_width
     long = min(sizes.length.value / width, sizes.slender) > LONG
     short = sizes.length.value < settings.smallest_width
-    if depth < settings.smallest_depth or short or (surely and (not long or sizes.outline.is_cut)):
+    small = short or (surely and (not long or sizes.outline.is_cut))
+    if small or not depth >= settings.smallest_depth:
         return '', ''
     if depth > STEEP * max(width, settings.smallest_width):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'

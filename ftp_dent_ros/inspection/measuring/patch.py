@@ -37,6 +37,8 @@ FITS = 4
 #: Of what is put back: how far resolutions are off, as a part of it.
 DOUBT = 0.7
 
+_EXACT = cv2.INTER_NEAREST
+
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -134,72 +136,86 @@ def patch_of(place: Place, skin: Skin, part: Mask, lattice: Lattice) -> Patch:
         The skin's cells of the lattice, without those at seams.
     lattice : Lattice
     """
-    block, spacing = lattice.block, max(lattice.spacing)
-    size = max(place.mask.shape)
-    margin = int(_MARGIN * size) + _CELLS
-    cells = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in place.window)
+    window, spacing = _Window(place, lattice), max(lattice.spacing) / lattice.block
     own = np.zeros(part.shape, bool)
     own[place.window] = place.mask
-    width = max(Moments.of(place.mask).ellipse(*lattice.spacing)[1], spacing)
-    pixels = tuple(slice(s.start * block, s.stop * block) for s in cells)
-    points = lattice.all_points[pixels]
-    shape = points.shape[:2]
-
-    def spread(values: NDArray, how: int = cv2.INTER_NEAREST) -> NDArray:
-        """Values of the lattice's cells at the window's points."""
-        part = np.ascontiguousarray(values[cells]).view(
-            np.uint8 if values.dtype == bool else values.dtype
-        )
-        fine = cv2.resize(part, None, fx=block, fy=block, interpolation=how)
-        over = [max(n - m, 0) for n, m in zip(shape, fine.shape, strict=True)]
-        fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
-        return np.asarray(fine)[: shape[0], : shape[1]]
-
-    known = lattice.measured[pixels] & (spread(part) > 0)
-    x, y, depth = skin.contour.deviation(points)
+    width = max(Moments.of(place.mask).ellipse(*lattice.spacing)[1], max(lattice.spacing))
+    known = lattice.measured[window.pixels] & (window.spread(part) > 0)
+    x, y, depth = skin.contour.deviation(lattice.all_points[window.pixels])
     if skin.relief is not None:
-        depth = depth - spread(skin.relief.heights, cv2.INTER_LINEAR)
-    zoom = min(_ACROSS * spacing / block / width, math.sqrt(_MOST / known.size))
-    maps = np.stack([x, y, place.sign * depth, spread(skin.noise.stated)], axis=-1)
+        depth = depth - window.spread(skin.relief.heights, cv2.INTER_LINEAR)
+    zoom = min(_ACROSS * spacing / width, math.sqrt(_MOST / known.size))
+    maps = np.stack([x, y, place.sign * depth, window.spread(skin.noise.stated)], axis=-1)
     (x, y, depth, stated), known = _resized(maps, known, zoom)
-    step = lattice.spacing[0] / block / zoom, lattice.spacing[1] / block / zoom
-    finest = 0.7 * max(spacing / block, *step)
-    usual = median_of(stated[known]) if known.any() else 0.0
-    high = float(np.max(depth, initial=0.0, where=known))
-    drowned = SURE * float(skin.noise.after(finest, usual)) / max(high, 1e-9)
-    scale = max(finest, _WIDEST * width * min(drowned, 1.0))
-    sigma = scale / step[0], scale / step[1]
-    depth = depth - _taken(depth, known, sigma, 2)
+    owned = np.asarray(cv2.resize(window.spread(own), known.shape[::-1], interpolation=_EXACT)) > 0
+    step = lattice.spacing[0] / lattice.block / zoom, lattice.spacing[1] / lattice.block / zoom
+    scale = _smoothing(skin, depth, stated, known, 0.7 * max(spacing, *step), width)
+    depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
     resolution = math.nan
     if lattice.resolution is not None:
         resolution = median_of(lattice.resolution[own])
-    depth, doubt = _restored(depth, known, resolution, _SUPPOSED * spacing / block, step)
+    depth, doubt = _restored(depth, known, resolution, _SUPPOSED * spacing, step)
     bridged, unsure, gaps = (
-        np.asarray(cv2.resize(spread(each, cv2.INTER_LINEAR), known.shape[::-1]))
+        np.asarray(cv2.resize(window.spread(each, cv2.INTER_LINEAR), known.shape[::-1]))
         for each in (skin.bridged, skin.doubt, np.float32(skin.gaps))
     )
     over = (gaps > 0) & ~known
-    depth = np.where(over, place.sign * bridged, depth)
-    unsure = np.where(over, unsure, 0.0)
-    owned = np.asarray(cv2.resize(spread(own), known.shape[::-1], interpolation=cv2.INTER_NEAREST))
     # What the cloud doubts beyond the noise beside the place is alike all over it.
-    beside = stated[known & (owned == 0)]
-    usual = np.float32(median_of(beside)) if len(beside) else usual
-    beyond = np.sqrt(np.maximum(stated * stated - usual * usual, 0))
-    noise = np.float32(_SLOPES) * skin.noise.after(0.0, np.minimum(stated, usual))
+    beside = stated[known & ~owned]
+    usual = np.float32(median_of(beside if len(beside) else stated.ravel()))
+    beyond = np.maximum(stated * stated - usual * usual, 0)
     return Patch(
         x,
         y,
-        np.where(known | over, depth, 0.0),
-        np.sqrt(doubt**2 + unsure**2 + beyond**2),
-        noise,
+        np.where(over, place.sign * bridged, np.where(known, depth, 0.0)),
+        np.sqrt(doubt**2 + np.where(over, unsure, 0.0) ** 2 + beyond),
+        np.float32(_SLOPES) * skin.noise.after(0.0, np.minimum(stated, usual)),
         _passed(known.shape, step, skin.noise.reach, scale, resolution),
         known | over,
         over,
-        owned > 0,
+        owned,
         step,
         resolution,
     )
+
+
+class _Window:
+    """The points of a cloud about a place.
+
+    Attributes
+    ----------
+    pixels : tuple of 2 slices
+        Rows and columns of the cloud.
+    """
+
+    def __init__(self, place: Place, lattice: Lattice) -> None:
+        margin = int(_MARGIN * max(place.mask.shape)) + _CELLS
+        rows, columns = (slice(max(s.start - margin, 0), s.stop + margin) for s in place.window)
+        self._cells, self._block = (rows, columns), lattice.block
+        rows, columns = (
+            slice(s.start * lattice.block, s.stop * lattice.block) for s in self._cells
+        )
+        self.pixels = rows, columns
+        self._shape = lattice.measured[self.pixels].shape
+
+    def spread(self, values: NDArray, how: int = _EXACT) -> NDArray:
+        """Values of the lattice's cells at the window's points."""
+        some = np.ascontiguousarray(values[self._cells])
+        some = some.view(np.uint8) if some.dtype == bool else some
+        fine = cv2.resize(some, None, fx=self._block, fy=self._block, interpolation=how)
+        over = [max(n - m, 0) for n, m in zip(self._shape, fine.shape, strict=True)]
+        fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
+        return np.asarray(fine)[: self._shape[0], : self._shape[1]]
+
+
+def _smoothing(
+    skin: Skin, depth: Map, stated: Map, known: Mask, finest: float, width: float
+) -> float:
+    """Standard deviation of the smoothing that noise asks for and the width allows, metres."""
+    usual = median_of(stated[known]) if known.any() else 0.0
+    high = float(np.max(depth, initial=0.0, where=known))
+    drowned = SURE * float(skin.noise.after(finest, usual)) / max(high, 1e-9)
+    return max(finest, _WIDEST * width * min(drowned, 1.0))
 
 
 def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
@@ -269,7 +285,6 @@ def _restored(
     fits = FITS if is_stated else 1
     wide = (resolution if is_stated else supposed) / halved(fits)
     sigma = wide / step[0], wide / step[1]
-
     first = _taken(depth, known, sigma, fits)
     if not is_stated:
         return depth, np.abs(first)
