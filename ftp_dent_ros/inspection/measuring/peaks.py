@@ -24,9 +24,8 @@ def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
     least : float
         Depth that a maximum has at least, metres.
     """
+    values = np.where(patch.known, patch.depth, 0.0).astype(np.float32)
     unsure = np.hypot(patch.strays, patch.doubt)
-    # What is deep for sure: an edge of light may have left a spike.
-    values = np.where(patch.known, patch.depth - unsure, 0.0).astype(np.float32)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
     at = np.argwhere((values == top) & patch.own & (values > least))
     order = np.argsort(-values[tuple(at.T)], kind='stable')[:_MOST]

@@ -33,8 +33,6 @@ _OF_ENERGY, _OF_NOISE = 1.0, 3.0
 _FALLS = 1.0, 0.5
 # Noise beyond the widest window over the last octave's: a quarter, and a quarter of that, and on.
 _BEYOND = 0.33
-# Share of a window that holds the surface, from which on its noise is known.
-_WHOLE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +48,7 @@ class Denoised:
     finest : ndarray
         Gain of the finest octave.
     noise : ndarray
-        Variance of the phase as it was, radians^2; NaN at rims.
+        Variance of the phase as it was, radians^2.
     """
 
     phase: NDArray[np.float32]
@@ -112,8 +110,8 @@ def denoise(
         low, lows = smooth, smooths
     # At rims the widest windows are cut.
     beyond = np.float32(_BEYOND) * noise / np.square(mean.share(width))
-    # What cut windows of the fit leave there is not noise alone.
-    whole = np.where(mean.share(WIDTH) > _WHOLE, whole + beyond, np.float32(np.nan))
+    # So are those of the fit.
+    whole = (whole + beyond) / np.square(mean.share(WIDTH))
     return Denoised((kept + low) * mask, variance + beyond, finest, whole)
 
 
