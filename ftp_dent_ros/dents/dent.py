@@ -84,7 +84,7 @@ class MeasuredDent:
     Attributes
     ----------
     kind : str
-        One of `KINDS`; `ftp_dent_ros.inspection.measuring.places.kinds` states the rules.
+        One of `KINDS`; `ftp_dent_ros.inspection.measuring.kinds` states the rules.
     position : ndarray, shape (3,)
         Centre of the 10 % outline, on the undeformed contour, metres.
     normal : ndarray, shape (3,)
@@ -261,7 +261,7 @@ class Inspection:
     dents : tuple of MeasuredDent
         Of kind ``'dent'``, the deepest first.
     others : tuple of MeasuredDent
-        Creases, gouges, bumps, steps, and what is none of these.
+        Creases, bumps, steps, and what is none of these.
     waviness : tuple of Waviness
         Of the panels that are wavy; dents are measured beside it.
     deviation : ndarray, shape (rows, columns)

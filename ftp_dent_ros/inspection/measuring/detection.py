@@ -44,7 +44,7 @@ class Place:
     significance: float
 
 
-def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDent) -> list[Place]:
+def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Place]:
     """Places of one skin where a smoothed deviation exceeds its noise.
 
     Gaps are filled, and are as uncertain as what fills them.
@@ -52,12 +52,11 @@ def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDe
     Parameters
     ----------
     skin : Skin
-    usable : ndarray, shape (rows, columns), bool
-        Cells to look at.
     lattice : Lattice
     settings : SmallestDent
     """
-    known, gaps = usable & np.isfinite(skin.deviation), skin.gaps
+    bridged, doubt, gaps = skin.bridged
+    known = skin.usable & np.isfinite(skin.deviation)
     least = settings.smallest_depth
     significant = skin.noise.significant(RATE)
     evidence, height = np.zeros((2, *known.shape), np.float32), np.zeros(known.shape, np.float32)
@@ -67,8 +66,8 @@ def find_places(skin: Skin, usable: Mask, lattice: Lattice, settings: SmallestDe
         spread = np.hypot(skin.noise.after(scale), np.float32(wavy))
         unsure = spread
         if gaps.any():
-            smooth = smoothed(skin.bridged, known | gaps, lattice.cells(scale))
-            unsure = np.hypot(spread, smoothed(skin.doubt, known | gaps, lattice.cells(scale)))
+            smooth = smoothed(bridged, known | gaps, lattice.cells(scale))
+            unsure = np.hypot(spread, smoothed(doubt, known | gaps, lattice.cells(scale)))
         smooth = np.where(known | gaps, np.nan_to_num(smooth), np.float32(0))
         ratio = smooth / unsure
         for side, sign in enumerate((1, -1)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -72,16 +73,15 @@ def inspect(
         at = lattice.measured & (fine == index)
         depth = skin.contour.depth(shown)
         if skin.relief is not None:
-            depth = depth - lattice.spread(skin.relief.heights, shape)
+            depth = depth - lattice.spread(skin.relief.heights, shape, cv2.INTER_CUBIC)
             wavy.append(waviness_of(skin.relief, part.mask, lattice))
         np.copyto(deviation, depth, where=at)
         strays = lattice.spread(skin.noise.after(0), shape)
         np.copyto(noise, np.where(np.isfinite(cloud.sigma), cloud.sigma, strays), where=at)
         least = findable_depth(skin, lattice, settings)
         np.copyto(findable, lattice.spread(least, shape), where=at)
-        usable = part.mask & ~borders
-        for place in find_places(skin, usable, lattice, settings):
-            dents = measure(place, skin, usable, lattice, settings)
+        for place in find_places(skin, lattice, settings):
+            dents = measure(place, skin, lattice, settings)
             found += dents if part.is_met else [_unless_shape(dent, settings) for dent in dents]
     found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])

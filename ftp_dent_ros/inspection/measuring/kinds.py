@@ -1,16 +1,17 @@
 """What a place that departs from the skin is: the rules.
 
-In this order, with sizes on the contour at 10 % of the depth:
+With sizes on the contour at 10 % of the depth:
 
+- nothing: shallower or shorter than the smallest dent; or surely narrower, and no valley: a rivet.
 - *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
-  as where a wing's root meets the fuselage; or the rim of the measured area, or a gap, cuts it.
+  as where a wing's root meets the fuselage; or its bottom is not measured; or the rim of the
+  measured area cuts it; or it is a valley or ridge narrower than the smallest dent.
 - *bump*: outward.
 - *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
   the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid
   1.1), or it is so narrow that the reconstruction cannot show whether it is. Repair manuals treat
   a crease as a crack.
-- *dent*: all else that is inward, whole, and as wide as the smallest dent.
-- nothing: what is narrower than the smallest dent, surely, and no crease: a rivet, a scratch.
+- *dent*: all else that is inward.
 """
 
 from __future__ import annotations

@@ -100,14 +100,16 @@ class Lattice:
             finite,
         )
 
-    def spread(self, coarse: NDArray, shape: tuple[int, int]) -> NDArray:
-        """Values of the cells at the cloud's points, shape `shape`."""
+    def spread(
+        self, coarse: NDArray, shape: tuple[int, ...], how: int = cv2.INTER_NEAREST
+    ) -> NDArray:
+        """Values of cells at the points of their blocks, of which there are `shape`."""
         if self.block == 1:
             return coarse
         rows, columns = coarse.shape
         plain = coarse.view(np.uint8) if coarse.dtype == bool else coarse
         size = columns * self.block, rows * self.block
-        fine = cv2.resize(plain, size, interpolation=cv2.INTER_NEAREST)
+        fine = cv2.resize(np.ascontiguousarray(plain), size, interpolation=how)
         if fine.shape != shape:
             # What fills no block has the nearest one's.
             over = shape[0] - size[1], shape[1] - size[0]

@@ -29,7 +29,7 @@ Vector = NDArray[np.float64]
 
 
 def measure(
-    place: Place, skin: Skin, part: Mask, lattice: Lattice, settings: SmallestDent
+    place: Place, skin: Skin, lattice: Lattice, settings: SmallestDent
 ) -> list[MeasuredDent]:
     """Measure every dent of a place that is not too small.
 
@@ -39,12 +39,10 @@ def measure(
     ----------
     place : Place
     skin : Skin
-    part : ndarray, shape (rows, columns), bool
-        The skin's cells of the lattice, without those at seams.
     lattice : Lattice
     settings : SmallestDent
     """
-    patch = patch_of(place, skin, part, lattice)
+    patch = patch_of(place, skin, lattice)
     peaks = peaks_of(patch, LEAST * settings.smallest_depth)
     sized = [
         (sizes_of(patch, at, region, skin), region)

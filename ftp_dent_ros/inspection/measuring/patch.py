@@ -37,8 +37,6 @@ FITS = 4
 #: Of what is put back: how far resolutions are off, as a part of it.
 DOUBT = 0.7
 
-_EXACT = cv2.INTER_NEAREST
-
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -125,29 +123,42 @@ class Patch:
         )
 
 
-def patch_of(place: Place, skin: Skin, part: Mask, lattice: Lattice) -> Patch:
+def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     """Depths around a place, smoothed as its noise demands and its size allows.
 
     Parameters
     ----------
     place : Place
     skin : Skin
-    part : ndarray, shape (rows, columns), bool
-        The skin's cells of the lattice, without those at seams.
     lattice : Lattice
     """
-    window, spacing = _Window(place, lattice), max(lattice.spacing) / lattice.block
-    own = np.zeros(part.shape, bool)
+    block, spacing = lattice.block, max(lattice.spacing) / lattice.block
+    margin = int(_MARGIN * max(place.mask.shape)) + _CELLS
+    cells = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in place.window)
+    pixels = tuple(slice(s.start * block, s.stop * block) for s in cells)
+    points, measured = lattice.all_points[pixels], lattice.measured[pixels]
+
+    def spread(values: NDArray, how: int = cv2.INTER_NEAREST) -> NDArray:
+        return lattice.spread(values[cells], measured.shape, how)
+
+    own = np.zeros(skin.usable.shape, bool)
     own[place.window] = place.mask
     width = max(Moments.of(place.mask).ellipse(*lattice.spacing)[1], max(lattice.spacing))
-    known = lattice.measured[window.pixels] & (window.spread(part) > 0)
-    x, y, depth = skin.contour.deviation(lattice.all_points[window.pixels])
+    known = measured & spread(skin.usable)
+    x, y, depth = skin.contour.deviation(points)
     if skin.relief is not None:
-        depth = depth - window.spread(skin.relief.heights, cv2.INTER_LINEAR)
+        depth = depth - spread(skin.relief.heights, cv2.INTER_LINEAR)
     zoom = min(_ACROSS * spacing / width, math.sqrt(_MOST / known.size))
-    maps = np.stack([x, y, place.sign * depth, window.spread(skin.noise.stated)], axis=-1)
+    maps = np.stack([x, y, place.sign * depth, spread(skin.noise.stated)], axis=-1)
     (x, y, depth, stated), known = _resized(maps, known, zoom)
-    owned = np.asarray(cv2.resize(window.spread(own), known.shape[::-1], interpolation=_EXACT)) > 0
+    owned = (
+        np.asarray(
+            cv2.resize(
+                spread(own).view(np.uint8), known.shape[::-1], interpolation=cv2.INTER_NEAREST
+            )
+        )
+        > 0
+    )
     step = lattice.spacing[0] / lattice.block / zoom, lattice.spacing[1] / lattice.block / zoom
     scale = _smoothing(skin, depth, stated, known, 0.7 * max(spacing, *step), width)
     depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
@@ -156,13 +167,13 @@ def patch_of(place: Place, skin: Skin, part: Mask, lattice: Lattice) -> Patch:
         resolution = median_of(lattice.resolution[own])
     depth, doubt = _restored(depth, known, resolution, _SUPPOSED * spacing, step)
     bridged, unsure, gaps = (
-        np.asarray(cv2.resize(window.spread(each, cv2.INTER_LINEAR), known.shape[::-1]))
-        for each in (skin.bridged, skin.doubt, np.float32(skin.gaps))
+        np.asarray(cv2.resize(spread(np.float32(each), cv2.INTER_LINEAR), known.shape[::-1]))
+        for each in skin.bridged
     )
     over = (gaps > 0) & ~known
     # What the cloud doubts beyond the noise beside the place is alike all over it.
-    beside = stated[known & ~owned]
-    usual = np.float32(median_of(beside if len(beside) else stated.ravel()))
+    around = stated[known & ~owned]
+    usual = np.float32(median_of(around if len(around) else stated.ravel()))
     beyond = np.maximum(stated * stated - usual * usual, 0)
     return Patch(
         x,
@@ -177,35 +188,6 @@ def patch_of(place: Place, skin: Skin, part: Mask, lattice: Lattice) -> Patch:
         step,
         resolution,
     )
-
-
-class _Window:
-    """The points of a cloud about a place.
-
-    Attributes
-    ----------
-    pixels : tuple of 2 slices
-        Rows and columns of the cloud.
-    """
-
-    def __init__(self, place: Place, lattice: Lattice) -> None:
-        margin = int(_MARGIN * max(place.mask.shape)) + _CELLS
-        rows, columns = (slice(max(s.start - margin, 0), s.stop + margin) for s in place.window)
-        self._cells, self._block = (rows, columns), lattice.block
-        rows, columns = (
-            slice(s.start * lattice.block, s.stop * lattice.block) for s in self._cells
-        )
-        self.pixels = rows, columns
-        self._shape = lattice.measured[self.pixels].shape
-
-    def spread(self, values: NDArray, how: int = _EXACT) -> NDArray:
-        """Values of the lattice's cells at the window's points."""
-        some = np.ascontiguousarray(values[self._cells])
-        some = some.view(np.uint8) if some.dtype == bool else some
-        fine = cv2.resize(some, None, fx=self._block, fy=self._block, interpolation=how)
-        over = [max(n - m, 0) for n, m in zip(self._shape, fine.shape, strict=True)]
-        fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
-        return np.asarray(fine)[: self._shape[0], : self._shape[1]]
 
 
 def _smoothing(

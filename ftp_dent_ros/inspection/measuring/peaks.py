@@ -47,7 +47,7 @@ def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
 
 
 def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Mask | None]:
-    """Cells of each peak, parted where water would part; None of those that stand alone.
+    """Cells of each peak, divided where water would divide; None for those that stand alone.
 
     Parameters
     ----------

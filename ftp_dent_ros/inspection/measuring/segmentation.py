@@ -83,7 +83,7 @@ def segment(
     found: list[Segment] = []
     whole = lattice.valid & ~_jumps(lattice)
     for region in split.joined(_parts(whole, split.least)):
-        parts = split.parted(region)
+        parts = split.skins_of(region)
         marks = np.full(region.shape, -1, np.int32)
         for index, part in enumerate(parts, len(found)):
             marks[part.mask] = index
@@ -145,7 +145,7 @@ class _Split:
         high, low = (median_of(together[side]) for side in sides)
         return abs(high - low) < _APART * self._settings.smallest_depth
 
-    def parted(self, region: Mask) -> list[Segment]:
+    def skins_of(self, region: Mask) -> list[Segment]:
         """Skins within one region: laps and steps have no gap."""
         found: list[Segment] = []
         queue = [region]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -56,9 +57,10 @@ class Skin:
         Depths below both, metres; NaN elsewhere.
     maps : list of ndarray, shape (rows, columns), float32
         The same, smoothed at the noise's scales but for the first, 0.
-    bridged, doubt : ndarray, shape (rows, columns), float32
-        The same with what lies over gaps, and how far that is in doubt; 0 elsewhere.
-    gaps : ndarray, shape (rows, columns), bool
+    usable : ndarray, shape (rows, columns), bool
+        Cells of the segment, without those at seams.
+    reach : int
+        Cells across which a gap is filled.
     """
 
     contour: Contour
@@ -66,9 +68,14 @@ class Skin:
     noise: Noise
     deviation: Map
     maps: list[Map]
-    bridged: Map
-    doubt: Map
-    gaps: Mask
+    usable: Mask
+    reach: int
+
+    @cached_property
+    def bridged(self) -> tuple[Map, Map, Mask]:
+        """Depths with what lies over gaps, 0 elsewhere; how far that is in doubt; and the gaps."""
+        known = self.usable & np.isfinite(self.deviation)
+        return filled(np.where(known, self.deviation, np.float32(0)), known, self.reach)
 
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
@@ -78,52 +85,38 @@ class Skin:
 
 def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDent) -> Skin:
     """The contour of a segment, its waviness, the noise about them, and what departs from them."""
-    usable = part.mask & ~seams
-    skin = _skin(lattice, part, part.contour, None, usable, settings)
-    bare = usable
+    usable, known = part.mask & ~seams, part.mask & lattice.valid
+    scales = tuple(settings.smallest_width * share for share in _SCALES)
+    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
+
+    def about(contour: Contour, relief: Relief | None, bare: Mask) -> Skin:
+        """What departs from a contour and a relief, and the noise of what is bare."""
+        deviation = contour.depth(lattice.points)
+        deviation = deviation if relief is None else deviation - relief.heights
+        deviation = np.where(known, deviation, np.float32(np.nan))
+        maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
+        noise = measured_noise(deviation, maps, bare, lattice, scales)
+        return Skin(contour, relief, noise, deviation, maps, usable, reach)
+
+    skin, bare = about(part.contour, None, usable), usable
     if part.is_met:
         near = np.abs(skin.deviation) < part.tolerance
-        skin = _skin(lattice, part, part.contour, None, usable & near, settings)
-        bare = usable & ~_off(skin, lattice, settings)
+        bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
-    skin = _skin(lattice, part, contour, None, bare, settings)
+    skin = about(contour, None, bare)
     slow, fast = skin.noise.common[-1], skin.noise.common[0]
     # Where no contour is met, what is wide is as likely the skin's own shape as a dent.
     if not part.is_met or slow > max(_SLOW * fast, _MATTERS * settings.smallest_depth):
         # Crests of waves stray from the contour as dents do: weights keep them in the relief.
-        bare, about = usable, skin.deviation
+        bare, deviation = usable, skin.deviation
         for _ in range(_PASSES):
-            known = bare & np.isfinite(about)
-            relief = relief_of(about, known, lattice, settings.smallest_width)
+            seen = bare & np.isfinite(deviation)
+            relief = relief_of(deviation, seen, lattice, settings.smallest_width)
             if relief is None:
                 break
-            skin = _skin(lattice, part, contour, relief, bare, settings)
+            skin = about(contour, relief, bare)
             bare = usable & ~_off(skin, lattice, settings)
-    known = usable & np.isfinite(skin.deviation)
-    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
-    depth = np.where(known, skin.deviation, np.float32(0))
-    bridged, doubt, gaps = filled(depth, known, reach)
-    return replace(skin, bridged=bridged, doubt=doubt, gaps=gaps)
-
-
-def _skin(
-    lattice: Lattice,
-    part: Segment,
-    contour: Contour,
-    relief: Relief | None,
-    bare: Mask,
-    settings: SmallestDent,
-) -> Skin:
-    """What departs from a contour and a relief, and the noise of what is bare."""
-    scales = tuple(settings.smallest_width * share for share in _SCALES)
-    known = part.mask & lattice.valid
-    deviation = contour.depth(lattice.points)
-    deviation = deviation if relief is None else deviation - relief.heights
-    deviation = np.where(known, deviation, np.float32(np.nan))
-    maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
-    noise = measured_noise(deviation, maps, bare, lattice, scales)
-    nothing = np.zeros_like(deviation)
-    return Skin(contour, relief, noise, deviation, maps, nothing, nothing, ~known & known)
+    return skin
 
 
 def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
