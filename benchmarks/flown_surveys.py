@@ -450,8 +450,8 @@ def main(wanted: list[str]) -> None:
         began = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
             for row, figures in rows(Path(folder)):
-                told = ', '.join(f'{key} {value:.4g}' for key, value in figures.items())
-                print(f'{row:46}  {told}', flush=True)
+                words = ', '.join(f'{key} {value:.4g}' for key, value in figures.items())
+                print(f'{row:46}  {words}', flush=True)
         print(f'  ({name}: {time.monotonic() - began:.0f} s)', flush=True)
 
 

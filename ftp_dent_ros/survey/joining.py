@@ -299,14 +299,14 @@ class Joining:
     def _take(self, link: PairLink) -> None:
         """Tie two flights by a pair if another one says the same."""
         poses, middle = self.graph.poses, self._middles([link.second])[0]
-        told = [
+        places = [
             (poses[each.first] @ each.relative.pose @ poses[each.second].inverse()).apply(middle)
             for each in (link, *self._maybe)
             if self._flights_of(each) == self._flights_of(link)
         ]
         self._maybe.append(link)
         # Metres: more than a flight errs in itself, far less than is searched.
-        if any(np.linalg.norm(place - told[0]) < 0.01 for place in told[1:]):
+        if any(np.linalg.norm(place - places[0]) < 0.01 for place in places[1:]):
             self.graph.link(link.first, link.second, link.relative)
 
     def _flights_of(self, link: PairLink) -> tuple[int, int]:

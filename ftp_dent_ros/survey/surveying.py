@@ -227,7 +227,7 @@ def _ties(joining: Joining, source: Path) -> list[str]:
     CloudError
         Nothing places them.
     """
-    parts, clouds, told = joining.parts(), len(joining.numbers), []
+    parts, clouds, remarks = joining.parts(), len(joining.numbers), []
     is_placed = any(node.covariance is not None for node in joining.graph.nodes)
     if len(parts) > 1 and not is_placed and joining.without_skin == clouds:
         raise CloudError(
@@ -235,24 +235,24 @@ def _ties(joining: Joining, source: Path) -> list[str]:
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
     if len(parts) > 1:
-        told.append(
+        remarks.append(
             f'the clouds are not one skin but {len(parts)} parts, the largest of '
             f'{len(parts[0].numbers)} of {clouds} clouds: only the autopilot tells how these lie '
             'to each other, if anything does, so that each is surveyed by itself'
         )
     loose = clouds - sum(np.bincount(part.graph.groups()).max() for part in parts)
     if loose:
-        told.append(
+        remarks.append(
             f'{loose} of {clouds} clouds are tied to the most of theirs by poses alone: what '
             'they show is not averaged with it, and their dents lie as well as the poses do'
         )
     days = (max(joining.numbers) - min(joining.numbers)) / 86_400e9
     if days > 1:
-        told.append(
+        remarks.append(
             f'{days:.0f} days are between the first cloud and the last: what has changed between '
             'them is averaged; survey the flights one by one, and compare'
         )
-    return told
+    return remarks
 
 
 class FusedSkin:

@@ -23,8 +23,8 @@ def _shorter(lens):
 
 
 def refusal(scene, image=None, method='least-squares', **changes):
-    told = replace(PATTERN, **changes)
-    reconstructor = Reconstructor(scene.rig, told, Settings(method, stride=2))
+    given = replace(PATTERN, **changes)
+    reconstructor = Reconstructor(scene.rig, given, Settings(method, stride=2))
     with pytest.raises(OtherPatternError) as error:
         reconstructor.reconstruct(scene.image if image is None else image)
     return str(error.value)
@@ -40,8 +40,8 @@ def test_light_beyond_the_frame_is_refused(framed, method, changes):
 
 
 def test_a_period_whose_frame_the_light_does_not_fill_is_not_confirmed(framed):
-    told = replace(PATTERN, period_px=7.6)
-    measured = Reconstructor(framed.rig, told, Settings(stride=2)).measure(framed.image)
+    given = replace(PATTERN, period_px=7.6)
+    measured = Reconstructor(framed.rig, given, Settings(stride=2)).measure(framed.image)
     assert not measured.coverage.confirmed
 
 
@@ -68,22 +68,22 @@ def coded(framed):
     ],
 )
 def test_of_coded_fringes_another_pattern_has_another_code(coded, changes):
-    told = replace(PATTERN, code='contrast', **changes)
+    given = replace(PATTERN, code='contrast', **changes)
     with pytest.raises(OtherPatternError, match='code of the fringes is of another pattern'):
-        Reconstructor(coded.rig, told, Settings(stride=2)).measure(coded.image)
+        Reconstructor(coded.rig, given, Settings(stride=2)).measure(coded.image)
 
 
 def test_of_coded_fringes_the_last_rim_confirms_the_pattern(coded):
-    told = replace(PATTERN, code='contrast')
+    given = replace(PATTERN, code='contrast')
 
     def confirmed(pattern):
         measured = Reconstructor(coded.rig, pattern, Settings(stride=2)).measure(coded.image)
         return measured.coverage.confirmed
 
-    assert confirmed(told)
+    assert confirmed(given)
     # By chance, of the sixteen codes these have the same.
-    other = replace(told, period_px=7.44)
-    assert (other.sequence == told.sequence).all()
+    other = replace(given, period_px=7.44)
+    assert (other.sequence == given.sequence).all()
     assert not confirmed(other)
 
 
@@ -95,17 +95,17 @@ def test_a_photograph_that_is_mirrored_or_turned_is_refused(framed):
 
 
 @pytest.mark.parametrize('period', [4.0, 5.0, 12.0, 20.0])
-def test_a_period_far_from_the_told_one_is_refused_without_any_rim(scene, period):
-    told = replace(PATTERN, period_px=period)
+def test_a_period_far_from_the_given_one_is_refused_without_any_rim(scene, period):
+    given = replace(PATTERN, period_px=period)
     with pytest.raises(RefusedFrameError, match=r'give the .*pattern'):
-        Reconstructor(RIG, told, Settings(stride=2)).measure(scene('flat').image)
+        Reconstructor(RIG, given, Settings(stride=2)).measure(scene('flat').image)
 
 
 def test_of_coded_fringes_a_turned_photograph_has_another_code(coded):
     turned = np.ascontiguousarray(coded.image[::-1, ::-1])
     with pytest.raises(OtherPatternError, match='do not mirror or turn the photograph'):
-        told = replace(PATTERN, code='contrast')
-        Reconstructor(coded.rig, told, Settings(stride=2)).measure(turned)
+        given = replace(PATTERN, code='contrast')
+        Reconstructor(coded.rig, given, Settings(stride=2)).measure(turned)
 
 
 def test_whether_the_pattern_can_be_checked_is_said(framed, scene):

@@ -433,3 +433,11 @@ def test_a_crease_that_is_all_shown_is_known_as_a_dent_is(sigma, kind):
     found = inspect(Cloud(cloud.points, cloud.intensity, told, np.full_like(told, 4e-3)))
     (crease,) = (*found.dents, *found.others)
     assert crease.kind == kind
+
+
+def test_what_is_too_steep_to_be_dented_is_something_else():
+    corner = 0.012 * np.exp(-((X**2 + Y**2) / 0.012**2))
+    ((kind, reason),) = kind_of_it(corner)
+    assert kind == 'other'
+    assert 'too steep' in reason
+    assert [kind for kind, _ in kind_of_it(0.1 * corner)] == ['dent']
