@@ -76,6 +76,8 @@ class Lattice:
         points, sigma = _before_denoising(cloud, viewpoint)
         relative, finite = _relative(points, origin)
         across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
+        if not max(across):
+            raise CloudError('the points of the cloud lie at one place: give another cloud')
         if max(across) > _WIDEST_SPACING:
             raise CloudError(
                 f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be '

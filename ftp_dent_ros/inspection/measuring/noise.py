@@ -136,7 +136,9 @@ def measured_noise(
         ratios = [_strayed(each / stated, rough) for each in (deviation, *maps)]
         # Never less: most points stray less where the cloud is in doubt, a few as much as it says.
         really = max(ratios[0], 1.0)
-        reach = _correlated(ratios, scales)
+        # Within a cell all is alike.
+        cell = max(lattice.spacing) / (2 * math.sqrt(math.pi))
+        reach = max(_correlated(ratios, scales), cell)
     explained = really * median(stated.ravel()[calm])
     spreads = [_strayed(each, calm) for each in (deviation, *maps)]
     rest = [

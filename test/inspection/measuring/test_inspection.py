@@ -286,6 +286,7 @@ GRID = np.zeros((100, 100, 3), np.float32)
         (np.ones((1, 5000, 3), np.float32), 'not organised'),
         (np.full_like(GRID, np.nan), 'all are NaN'),
         (np.ones((1, 2, 3), np.float32), 'only 2 points'),
+        (np.ones_like(GRID), 'lie at one place'),
     ],
 )
 def test_a_cloud_that_cannot_be_used_is_refused(points, words):
@@ -298,6 +299,15 @@ def test_two_points_among_nan_are_refused():
     points[50, 50:52] = 1
     with pytest.raises(CloudError, match='only 2 points'):
         inspect(Cloud(points, np.zeros((100, 100), np.float32)))
+
+
+def test_a_cloud_without_any_noise_is_inspected():
+    x, y = np.meshgrid(1e-3 * np.arange(COLUMNS), 1e-3 * np.arange(ROWS))
+    points = np.dstack([x, y, np.full_like(x, 0.7)]).astype(np.float32)
+    nothing = np.zeros((ROWS, COLUMNS), np.float32)
+    known = np.full_like(nothing, 1e-6)
+    found = inspect(Cloud(points, nothing, known, raw=nothing, noise=known))
+    assert found.dents == found.others == ()
 
 
 def test_millimetres_are_recognised():
