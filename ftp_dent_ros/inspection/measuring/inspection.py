@@ -67,7 +67,7 @@ def inspect(
     shape = cloud.points.shape[:2]
     deviation, noise, findable = (np.full(shape, np.nan, np.float32) for _ in range(3))
     fine = lattice.spread(labels, shape)
-    shown = (cloud.points - lattice.origin).astype(np.float32)
+    shown = lattice.relative(cloud.points)
     for index, part in enumerate(segments):
         skin = bare_skin(lattice, part, borders, settings)
         at = lattice.measured & (fine == index)

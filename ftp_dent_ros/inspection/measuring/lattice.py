@@ -74,7 +74,10 @@ class Lattice:
         """
         origin = _checked(cloud)
         points, sigma = _before_denoising(cloud, viewpoint)
-        relative, finite = _relative(points, origin)
+        relative = _moved(points, -origin)
+        finite = np.isfinite(relative[..., 0] + relative[..., 1] + relative[..., 2])
+        # A bit pattern is 0 after an exclusive or with itself, also that of NaN.
+        cv2.bitwise_xor(relative, relative, dst=relative, mask=(~finite).view(np.uint8))
         across = _spacing(relative, finite, 1), _spacing(relative, finite, 0)
         if not max(across):
             raise CloudError('the points of the cloud lie at one place: give another cloud')
@@ -118,6 +121,10 @@ class Lattice:
             fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
         return np.asarray(fine).view(coarse.dtype)
 
+    def relative(self, points: NDArray) -> NDArray[np.float32]:
+        """Points from the origin, shape (rows, columns, 3), metres."""
+        return _moved(points, -self.origin)
+
     def cells(self, metres: float) -> tuple[float, float]:
         """A length in cells along x and y."""
         return metres / self.spacing[0], metres / self.spacing[1]
@@ -131,7 +138,7 @@ def _before_denoising(
     if not known.any():
         return cloud.points, cloud.sigma
     rays = cloud.points - viewpoint.astype(np.float32)
-    distance = np.maximum(np.linalg.norm(rays, axis=-1), np.float32(1e-9))
+    distance = np.sqrt(np.maximum(np.einsum('ijk,ijk->ij', rays, rays), np.float32(1e-18)))
     shift = np.where(known, cloud.raw, np.float32(0)) / distance
     moved = (cloud.points + shift[..., None] * rays).astype(np.float32, copy=False)
     return moved, np.where(known, cloud.noise, cloud.sigma)
@@ -175,16 +182,9 @@ def _checked(cloud: Cloud) -> NDArray[np.float64]:
     return np.array([median(axis[np.isfinite(axis)]) for axis in axes])
 
 
-def _relative(
-    points: NDArray, origin: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Points from the origin, 0 where one of their coordinates is not finite, and where not."""
-    move = np.hstack([np.eye(3), -origin[:, None]])
-    moved = np.asarray(cv2.transform(points, move)).astype(np.float32, copy=False)
-    finite = np.isfinite(moved[..., 0] + moved[..., 1] + moved[..., 2])
-    # A bit pattern is 0 after an exclusive or with itself, also that of NaN.
-    cv2.bitwise_xor(moved, moved, dst=moved, mask=(~finite).view(np.uint8))
-    return moved, finite
+def _moved(points: NDArray, by: NDArray[np.float64]) -> NDArray[np.float32]:
+    moved = cv2.transform(points, np.hstack([np.eye(3), by[:, None]]))
+    return np.asarray(moved).astype(np.float32, copy=False)
 
 
 def _spacing(points: NDArray, finite: NDArray[np.bool_], axis: int) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.measuring.moments import Moments
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 
-_RAYS, _SAMPLES = 96, 80
+_RAYS, _SAMPLES = 64, 48
 # Along each, in radii of the ellipse with the same moments.
 _ALONG = np.linspace(0, 2.2, _SAMPLES)
 # Harmonics of the outline about its ellipse: at most, and at least; all of them where the level

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +22,7 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 # Of a place's window, as a part of its size, and in cells of the lattice.
 _MARGIN, _CELLS = 0.45, 5
 # Cells of a patch across a place, and of its window at most.
-_ACROSS, _MOST = 32, 40_000
+_ACROSS, _MOST = 32, 12_000
 # Cells that show how places follow the grid.
 _FITTED = 500
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
@@ -55,8 +56,8 @@ class Patch:
         Standard uncertainty of what was put back or filled, metres.
     noise : ndarray
         Standard deviation of the noise before it was smoothed, metres.
-    passed : ndarray, shape (rows, columns // 2 + 1)
-        Of each frequency of white noise (rfft2), as it is correlated, smoothed, and raised again
+    passed : ndarray
+        Of each frequency of white noise (fft2), as it is correlated, smoothed, and raised again
         by what was put back.
     known, over : ndarray of bool
         Where there are depths, and where they are filled.
@@ -106,21 +107,22 @@ class Patch:
     @cached_property
     def strays(self) -> Map:
         """Standard deviation of the depths by noise, metres."""
-        weight = np.full(self.passed.shape[1], 2.0)
-        weight[0] = 1.0
-        return self.noise * math.sqrt((np.square(self.passed) @ weight).sum() / self.depth.size)
+        return self.noise * math.sqrt(np.square(self.passed).mean())
 
-    def with_noise(self, rng: np.random.Generator, offset: float) -> Patch:
-        """The patch as it may have been measured as well.
+    def with_noise(self, times: int, unsure: float) -> Iterator[Patch]:
+        """The patch as it may have been measured as well, an even number of times.
 
-        With other noise, another share of what is in doubt, and a skin that is off by `offset`
-        metres.
+        With other noise, another share of what is in doubt, and a skin that is off by a share of
+        `unsure`, metres.
         """
-        white = scipy.fft.rfft2(rng.standard_normal(self.depth.shape))
-        drawn = self.noise * scipy.fft.irfft2(white * self.passed, self.depth.shape)
-        return replace(
-            self, depth=self.depth + drawn + rng.standard_normal() * self.doubt + offset
-        )
+        rng = np.random.default_rng(0)
+        # White noise has a white spectrum; the two parts of a complex field are independent.
+        white = rng.standard_normal((times // 2, *self.depth.shape, 2)).view(complex)[..., 0]
+        fields = scipy.fft.ifft2(math.sqrt(self.depth.size) * self.passed * white)
+        for drawn in (*fields.real, *fields.imag):
+            doubt, offset = rng.standard_normal(2) * (1.0, unsure)
+            depth = self.depth + self.noise * drawn + doubt * self.doubt + offset
+            yield replace(self, depth=depth)
 
 
 def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
@@ -238,7 +240,7 @@ def _nearest(values: NDArray, known: Mask) -> NDArray:
 
 def _mean(values: Map, known: Mask, sigma: tuple[float, float]) -> Map:
     """Gaussian mean of what is known; as it is where the windows hold nothing."""
-    both = np.dstack([np.where(known, values, 0.0), known])
+    both = np.dstack([np.where(known, values, 0.0), known]).astype(np.float32)
     size = [2 * math.ceil(3 * each) + 1 for each in sigma]
     total, weight = cv2.split(
         cv2.GaussianBlur(both, size, sigma[0], sigmaY=sigma[1], borderType=cv2.BORDER_CONSTANT)
@@ -288,7 +290,7 @@ def _passed(
 ) -> Map:
     """Of each frequency of white noise what passes: correlated, smoothed, and raised again."""
     down = 2 * math.pi * scipy.fft.fftfreq(shape[0], step[1])[:, None]
-    across = 2 * math.pi * scipy.fft.rfftfreq(shape[1], step[0])
+    across = 2 * math.pi * scipy.fft.fftfreq(shape[1], step[0])
     square = (down * down + across * across) / 2
     correlated = np.exp(-square * reach**2)
     correlated *= 2 * reach * math.sqrt(math.pi / (step[0] * step[1]))

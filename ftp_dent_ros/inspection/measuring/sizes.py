@@ -79,11 +79,7 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     # Of what the rim cuts, the skin is known on one side: as in a hole that is twice as wide.
     wide = (2 if outline.is_cut else 1) * outline.width
     unsure = skin.uncertainty(*outline.centre, wide)
-    rng = np.random.default_rng(0)
-    again = [
-        _measured(patch.with_noise(rng, unsure * rng.standard_normal()), at, region)
-        for _ in range(_TIMES)
-    ]
+    again = [_measured(each, at, region) for each in patch.with_noise(_TIMES, unsure)]
     drawn = np.array([each[0] for each in again if each is not None])
     if len(drawn) < _TIMES / 2:
         return None
