@@ -7,33 +7,30 @@ measures the phase's noise (eq. 8), and energy beyond it is the skin's shape.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.solver import FITS
 
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
 _OCTAVES = 5
-# Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand
-# (chi-square of some 7 windows).
-_SHOWN = 3.6
+# Windows that an energy is the mean of, about.
+_COUNT = 7
+# Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand.
+_SHOWN = np.float32(stats.chi2.isf(1e-3, _COUNT) / _COUNT)
+# Energy over the noise's from which on the rest may be the skin's shape: two standard deviations.
+_STRAYS = np.float32(1 + 2 * math.sqrt(2 / _COUNT))
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
-# Noise of pixels in the finest octave over that of one window.
-_OF_WINDOWS = 1.36
-# Part of the contrast's energy by which the noise's strays: the chance of some 7 windows.
-_CHANCE = 0.5
 # Widths of windows over which energy and noise are means: 1 and 9 windows count.
 _OF_ENERGY, _OF_NOISE = 1.0, 3.0
-# From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
-# pass the windows of the fit alike.
-_FALLS = 1.0, 0.5
-# Noise beyond the widest window over the last octave's: a quarter, and a quarter of that, and on.
-_BEYOND = 0.33
-
 
 @dataclass(frozen=True, eq=False)
 class Denoised:
@@ -79,8 +76,7 @@ def denoise(
     posterior : ndarray, shape (rows, nodes), float32
         Variance of the phase in one window by what the fit leaves, radians^2: noise is no less.
     """
-    mean = _Means(grid, mask)
-    floor = np.float32(_OF_WINDOWS) * posterior
+    mean, white = _Means(grid, mask), _white_noise()
     low, lows = phase * mask, [each * mask for each in changes]
     kept, variance, noise, whole = (np.zeros_like(phase) for _ in range(4))
     finest = np.ones_like(phase)
@@ -90,29 +86,70 @@ def denoise(
         detail = (low - smooth) * mask
         details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
         contrast, amplitude = (mean.variance(x, _OF_NOISE * width) for x in details)
-        if octave < 2:  # these pass the windows of the fit alike
-            contrast, amplitude = (np.maximum(x, floor) for x in (contrast, amplitude))
+        contrast, amplitude = (
+            np.maximum(x, white.energy[octave] * posterior) for x in (contrast, amplitude)
+        )
         before, noise = noise, np.minimum(np.float32(_OF_DIRT) * contrast, amplitude)  # eq. 8
-        if octave:
-            noise = np.minimum(noise, np.float32(_FALLS[octave > 1]) * before)
-        whole = whole + noise
+        if octave:  # dirt is white along u, trends of light are not
+            noise = np.minimum(noise, white.energy[octave] / white.energy[octave - 1] * before)
+        part = white.share[octave] * noise
+        whole = whole + part
         energy = mean.of(detail * detail, _OF_ENERGY * width)
         change = np.minimum(contrast, amplitude)
-        signal = np.where(energy > noise + np.float32(_CHANCE) * change, energy - noise, 0)
+        signal = np.where(energy > _STRAYS * noise, energy - noise, 0)
         taken = change / np.maximum(energy, np.float32(1e-12))
         gain = np.where(taken < 1 / _SHOWN, 1 - taken, 0)  # eq. 9
         gain = mean.of(gain, WIDTH * width)
         kept = kept + gain * detail
-        variance = variance + gain * gain * noise + np.square(1 - gain) * signal  # eq. 10
+        variance = variance + gain * gain * part + np.square(1 - gain) * signal  # eq. 10
         if not octave:  # windows miss as much of dents three fringes wide
             variance = variance + signal
         finest = finest if octave else gain
         low, lows = smooth, smooths
     # At rims the widest windows are cut.
-    beyond = np.float32(_BEYOND) * noise / np.square(mean.share(width))
+    beyond = white.beyond * noise / np.square(mean.share(width))
     # So are those of the fit.
     whole = (whole + beyond) / np.square(mean.share(WIDTH))
     return Denoised((kept + low) * mask, variance + beyond, finest, whole)
+
+
+@dataclass(frozen=True)
+class _WhiteNoise:
+    """White noise of the light, as the phase has it in each octave.
+
+    Attributes
+    ----------
+    energy : tuple of float32
+        Mean square over the variance in one window.
+    share : tuple of float32
+        What the variance loses with the octave, over that: neighbouring octaves are correlated.
+    beyond : float32
+        Variance beyond the widest window, over the last octave's energy.
+    """
+
+    energy: tuple[np.float32, ...]
+    share: tuple[np.float32, ...]
+    beyond: np.float32
+
+
+@cache
+def _white_noise() -> _WhiteNoise:
+    # Squares of frequencies, in which a ring of the plane is even; a window's power is a half.
+    square = np.linspace(0.0, 12.0, 6001)[1:]
+    step = 2 * square[0]
+    left = 1 - np.power(1 - np.exp(-square), FITS)
+    energy, after = [], [np.square(left).sum() * step]
+    for octave in range(_OCTAVES):
+        detail = np.square(1 - np.exp(-square * 4**octave))
+        energy.append(np.square(left * detail).sum() * step)
+        left = left * (1 - detail)
+        after.append(np.square(left).sum() * step)
+    lost = -np.diff(after) / energy
+    return _WhiteNoise(
+        tuple(np.float32(each) for each in energy),
+        tuple(np.float32(each) for each in lost),
+        np.float32(after[-1] / energy[-1]),
+    )
 
 
 class _Means:

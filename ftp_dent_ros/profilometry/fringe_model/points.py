@@ -21,7 +21,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
 from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
-from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
+from ftp_dent_ros.profilometry.fringe_model.solver import FITS, FringeFit
 from ftp_dent_ros.profilometry.fringe_model.start import LEAST_NODES
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
@@ -95,7 +95,10 @@ class Points:
         detail = np.maximum(grid.window_sums(uneven) - chance, 0)
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
         self._unexplained = (2 * unusual + 4 * detail) / np.square(np.maximum(amplitude, 1))
-        self._posterior = 2 * fit.scale / (np.square(amplitude) * np.float32(grid.bins_in_window))
+        power = np.square(amplitude) * grid.window_sums(fit.slope * fit.slope)
+        # What level, amplitude and phase follow of the noise is not in the residuals.
+        freedom = grid.bins_in_window - 6 * sum(1 / n for n in range(1, FITS + 1))
+        self._posterior = fit.scale / np.maximum(power * np.float32(freedom), np.float32(1e-6))
         _, v_p = nodes.meet(self._phase)
         amplitude = amplitude / pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
