@@ -29,7 +29,7 @@ _FITTED = 500
 _WIDEST = 0.15
 # Points on a dent stray so many times as much as those of bare skin: windows of fringes lean on
 # its slopes. Measured at rims (1.2 to 1.5).
-_SLOPES = 1.35
+_SLOPES = 1.15
 # Points of a cloud that does not state its resolution show waves of so many spacings by half.
 _SUPPOSED = 4.0
 #: Fits in Gaussian windows, each of which corrects the ones before, that a cloud comes from if it

@@ -32,6 +32,7 @@ _OF_DIRT = 2.0
 # Widths of windows over which energy and noise are means: 1 and 9 windows count.
 _OF_ENERGY, _OF_NOISE = 1.0, 3.0
 
+
 @dataclass(frozen=True, eq=False)
 class Denoised:
     """A surface's phase at the nodes: arrays of shape (rows, nodes), float32.
