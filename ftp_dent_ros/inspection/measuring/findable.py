@@ -7,12 +7,13 @@ from functools import reduce
 
 import numpy as np
 
+from ftp_dent_ros.cloud.response import FITS, halved
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.detection import LEAST, RATE, TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map
-from ftp_dent_ros.inspection.measuring.patch import DOUBT, FITS, halved
+from ftp_dent_ros.inspection.measuring.patch import DOUBT
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Of a normal distribution, 95 %: noise hides a dent that is no deeper than what must be seen in
@@ -36,7 +37,7 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
     width = settings.smallest_width
     square = (width / TENTH) ** 2
     resolution = np.zeros(1) if lattice.resolution is None else lattice.resolution
-    window = np.square(resolution / halved(FITS))
+    window = np.square(resolution / halved())
 
     def left(fits: int, more: float = 0.0) -> Map:
         """Of a Gaussian's depth, after fits in windows and a mean; their Gaussians add up."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
+from ftp_dent_ros.cloud.response import FITS, halved
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.robust import median
@@ -20,6 +21,8 @@ _WIDEST_SPACING = 0.05
 _PAIRS = 5000
 # Cells across the smallest dent.
 _CELLS = 5
+# Points of a cloud that does not state its resolution show waves of so many spacings by half.
+_SUPPOSED = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +123,15 @@ class Lattice:
             over = shape[0] - size[1], shape[1] - size[0]
             fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
         return np.asarray(fine).view(coarse.dtype)
+
+    def windows(self, at: NDArray[np.bool_]) -> tuple[float, int]:
+        """The windows that cells come from: standard deviation, metres, and fits in them.
+
+        Of a cloud that does not state its resolution, one of some points.
+        """
+        if self.resolution is None:
+            return _SUPPOSED * max(self.spacing) / self.block / halved(1), 1
+        return median(self.resolution[at]) / halved(), FITS
 
     def relative(self, points: NDArray) -> NDArray[np.float32]:
         """Points from the origin, shape (rows, columns, 3), metres."""

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud.response import white_noise
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
@@ -18,8 +19,6 @@ _ENOUGH = 5000
 SURE = 5.0
 # Below this no cloud is trusted, metres.
 _LEAST = 5e-7
-# Over which noise is correlated where the cloud states none, metres.
-_SHORT = 1.5e-3
 # Cells between the points of a second difference: more than their noise is correlated over.
 _LAG = 3
 
@@ -29,45 +28,54 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard deviation of the deviation map after smoothing by Gaussians.
+    """Standard deviation of the deviation map after Gaussian means.
 
-    Two parts: what the cloud states of each place, in the measure in which its points stray (the
-    variance of unit weight of an adjustment), which falls with the scale like noise that is
-    correlated over a `reach`; and what is everywhere alike beyond that, measured at each scale.
+    Two parts, both measured at each scale: one is as large as the cloud states of each place, in
+    some ratio, the other is everywhere alike.
 
     Attributes
     ----------
-    scales, common : ndarray, shape (n,)
-        Standard deviations of Gaussians, metres, the first 0; and the second part after them.
+    scales : ndarray, shape (n,)
+        Standard deviations of the Gaussians, metres, the first 0.
+    ratios, common : ndarray, shape (n,)
+        Of the first part after them to what the cloud states; and the second part, metres.
     stated : ndarray, shape (rows, columns), float32
-        First part of the lattice's cells as they are, metres.
-    reach : float
-        Over which the first part is correlated, metres.
+        Of the lattice's cells, metres.
+    window : float
+        Standard deviation of the cloud's windows, metres.
+    fits : int
+        In them, each of which corrects the ones before.
     """
 
     scales: NDArray[np.float64]
+    ratios: NDArray[np.float64]
     common: NDArray[np.float64]
     stated: Map
-    reach: float
+    window: float
+    fits: int
 
     def after(self, scale: float, stated: NDArray | float | None = None) -> NDArray:
         """Standard deviation after a Gaussian of `scale` metres, of each cell, metres.
 
-        Or where the first part is `stated`.
+        Or where the cloud states `stated`.
         """
-        first = self.stated if stated is None else stated
-        left = np.float32(_left(scale, self.reach))
-        alike = np.float32(np.interp(scale, self.scales, self.common))
-        return np.sqrt(alike * alike + np.square(left * first))
+        ratio, alike = (
+            np.float32(np.interp(scale, self.scales, each)) for each in (self.ratios, self.common)
+        )
+        return np.hypot(alike, ratio * (self.stated if stated is None else stated))
+
+    def before(self, scale: float, stated: NDArray) -> NDArray:
+        """Of white noise that is as strong as this one after a Gaussian of `scale` metres."""
+        return self.after(scale, stated) / np.float32(_left(scale / self.window, self.fits))
 
     def significant(self, rate: float) -> float:
         """Standard deviations that noise passes in so many places a square metre, at all scales.
 
-        Of a normal field whose correlation is a Gaussian (Adler, The Geometry of Random Fields,
-        1981): the expected number of its excursions, of both signs.
+        Of a normal field (Adler, The Geometry of Random Fields, 1981): the expected number of its
+        excursions, of both signs.
         """
-        square = np.square(self.scales[1:]) + self.reach**2
-        places = float((2 * (2 * math.pi) ** -1.5 / (2 * square)).sum())
+        frequencies = [white_noise(s / self.window, self.fits)[1] for s in self.scales[1:]]
+        places = 2 * (2 * math.pi) ** -1.5 * sum(frequencies) / self.window**2
         level = 5.0
         for _ in range(10):
             level = math.sqrt(2 * math.log(max(places * level / rate, math.e)))
@@ -121,7 +129,7 @@ def measured_noise(
     bare : ndarray, shape (rows, columns), bool
         Skin without dents.
     lattice : Lattice
-        Its `sigma` gives the noise's distribution over the cloud, if it is known.
+        Its `sigma` is the first part, if it is known.
     scales : tuple of float
         Metres, rising.
     """
@@ -131,22 +139,19 @@ def measured_noise(
     stated = np.zeros_like(deviation) if lattice.sigma is None else lattice.sigma
     usual = median_of(stated[sample])
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
-    reach, really = _SHORT, 1.0
-    if lattice.sigma is not None:
-        ratios = [_strayed(each / stated, rough) for each in (deviation, *maps)]
-        # Never less: most points stray less where the cloud is in doubt, a few as much as it says.
-        really = max(ratios[0], 1.0)
-        # Within a cell all is alike.
-        cell = max(lattice.spacing) / (2 * math.sqrt(math.pi))
-        reach = max(_correlated(ratios, scales), cell)
-    explained = really * median(stated.ravel()[calm])
-    spreads = [_strayed(each, calm) for each in (deviation, *maps)]
-    rest = [
-        math.sqrt(max(spread**2 - (explained * _left(scale, reach)) ** 2, _LEAST**2))
-        for spread, scale in zip(spreads, (0.0, *scales), strict=True)
-    ]
-    falling = np.minimum.accumulate(rest)
-    return Noise(np.array((0.0, *scales)), falling, np.float32(really) * stated, reach)
+    window, fits = lattice.windows(sample)
+    cell = max(lattice.spacing) / math.sqrt(12)
+    found = []
+    for smooth, scale in zip((deviation, *maps), (0.0, *scales), strict=True):
+        # What is stated is there, at least.
+        ratio = white = _left(math.hypot(scale, cell) / window, fits)
+        if lattice.sigma is not None:
+            ratio = max(white, _strayed(smooth / stated, rough))
+        alike = _strayed(smooth, calm) ** 2 - (ratio * median(stated.ravel()[calm])) ** 2
+        found.append((ratio if scale else ratio / white, math.sqrt(max(alike, _LEAST**2))))
+    ratios, common = np.array(found).T
+    falling = np.minimum.accumulate(common)
+    return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits)
 
 
 def _some(mask: Mask) -> NDArray[np.intp]:
@@ -161,12 +166,6 @@ def _strayed(values: Map, cells: NDArray[np.intp]) -> float:
     return NORMAL_SPREAD * median(size) if len(size) else _LEAST
 
 
-def _correlated(strayed: list[float], scales: tuple[float, ...]) -> float:
-    """Over which noise is correlated, metres, as smoothing by each scale leaves it."""
-    left = np.minimum(np.array(strayed[1:]) / max(strayed[0], _LEAST), 1.0)
-    return float(np.median(left * scales / np.sqrt(np.maximum(1 - left * left, 0.05))))
-
-
-def _left(scale: float, reach: float) -> float:
-    """What a Gaussian mean leaves of noise that is correlated over `reach`."""
-    return 1 / math.sqrt(1 + (scale / reach) ** 2)
+def _left(scale: float, fits: int) -> float:
+    """What a Gaussian mean leaves of noise, its width in the windows'."""
+    return math.sqrt(white_noise(scale, fits)[0] / white_noise(0.0, fits)[0])

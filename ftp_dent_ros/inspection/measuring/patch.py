@@ -13,6 +13,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from ftp_dent_ros.cloud.response import halved, left_out, white_noise
 from ftp_dent_ros.inspection.measuring.detection import Place
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.moments import Moments
@@ -27,14 +28,6 @@ _ACROSS, _MOST = 32, 12_000
 _FITTED = 500
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
-# Points on a dent stray so many times as much as those of bare skin: windows of fringes lean on
-# its slopes. Measured at rims (1.2 to 1.5).
-_SLOPES = 1.15
-# Points of a cloud that does not state its resolution show waves of so many spacings by half.
-_SUPPOSED = 4.0
-#: Fits in Gaussian windows, each of which corrects the ones before, that a cloud comes from if it
-# states its resolution: of a wave they leave out (1 - G)^fits.
-FITS = 4
 #: Of what is put back: how far resolutions are off, as a part of it.
 DOUBT = 0.7
 
@@ -164,10 +157,9 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     step = lattice.spacing[0] / lattice.block / zoom, lattice.spacing[1] / lattice.block / zoom
     scale = _smoothing(skin, depth, stated, known, 0.7 * max(spacing, *step), width)
     depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
-    resolution = math.nan
-    if lattice.resolution is not None:
-        resolution = median_of(lattice.resolution[own])
-    depth, doubt = _restored(depth, known, resolution, _SUPPOSED * spacing, step)
+    window, fits = lattice.windows(own)
+    is_stated = lattice.resolution is not None
+    depth, doubt = _restored(depth, known, (window / step[0], window / step[1]), fits, is_stated)
     bridged, unsure, gaps = (
         np.asarray(cv2.resize(spread(np.float32(each), cv2.INTER_LINEAR), known.shape[::-1]))
         for each in skin.bridged
@@ -182,13 +174,13 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, 0.0)),
         np.sqrt(doubt**2 + np.where(over, unsure, 0.0) ** 2 + beyond),
-        np.float32(_SLOPES) * skin.noise.after(0.0, np.minimum(stated, usual)),
-        _passed(known.shape, step, skin.noise.reach, scale, resolution),
+        skin.noise.before(scale, np.minimum(stated, usual)),
+        _passed(known.shape, step, window, fits, scale, is_stated),
         known | over,
         over,
         owned,
         step,
-        resolution,
+        window * halved() if is_stated else math.nan,
     )
 
 
@@ -256,7 +248,7 @@ def _taken(values: Map, known: Mask, sigma: tuple[float, float], fits: int) -> M
 
 
 def _restored(
-    depth: Map, known: Mask, resolution: float, supposed: float, step: tuple[float, float]
+    depth: Map, known: Mask, sigma: tuple[float, float], fits: int, is_stated: bool
 ) -> tuple[Map, Map]:
     """Depths with what the reconstruction smoothed away, and how far that is in doubt.
 
@@ -265,10 +257,6 @@ def _restored(
     the inverse; van Cittert, Z. Phys. 69, 298, 1931). Of a resolution that is not known nothing
     is put back, but what one Gaussian would ask for is in doubt.
     """
-    is_stated = math.isfinite(resolution)
-    fits = FITS if is_stated else 1
-    wide = (resolution if is_stated else supposed) / halved(fits)
-    sigma = wide / step[0], wide / step[1]
     first = _taken(depth, known, sigma, fits)
     if not is_stated:
         return depth, np.abs(first)
@@ -276,26 +264,20 @@ def _restored(
     return depth + first + second, np.hypot(DOUBT * first, second)
 
 
-def halved(fits: int) -> float:
-    """Wavelength of which half is left by some fits, in standard deviations of the Gaussians."""
-    return math.pi * math.sqrt(2 / -math.log(1 - 0.5 ** (1 / fits)))
-
-
 def _passed(
     shape: tuple[int, ...],
     step: tuple[float, float],
-    reach: float,
+    window: float,
+    fits: int,
     scale: float,
-    resolution: float,
+    is_stated: bool,
 ) -> Map:
     """Of each frequency of white noise what passes: correlated, smoothed, and raised again."""
     down = 2 * math.pi * scipy.fft.fftfreq(shape[0], step[1])[:, None]
     across = 2 * math.pi * scipy.fft.fftfreq(shape[1], step[0])
     square = (down * down + across * across) / 2
-    correlated = np.exp(-square * reach**2)
-    correlated *= 2 * reach * math.sqrt(math.pi / (step[0] * step[1]))
-    smooth = 1 - np.square(1 - np.exp(-square * scale**2))
-    taken = np.zeros_like(square)
-    if math.isfinite(resolution):
-        taken = (1 - np.exp(-square * (resolution / halved(FITS)) ** 2)) ** FITS
-    return correlated * smooth * (1 + taken + taken * taken)
+    taken = left_out(square * window**2, fits)
+    # Points have the variance 1.
+    size = 2 * window * math.sqrt(math.pi / (white_noise(0.0, fits)[0] * step[0] * step[1]))
+    passed = size * (1 - taken) * (1 - left_out(square * scale**2, 2))
+    return passed * (1 + taken + taken * taken) if is_stated else passed

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from ftp_dent_ros.cloud.response import left_out, squares, white_noise
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
-from ftp_dent_ros.profilometry.fringe_model.solver import FITS
 
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
 _OCTAVES = 5
@@ -135,16 +135,15 @@ class _WhiteNoise:
 
 @cache
 def _white_noise() -> _WhiteNoise:
-    # Squares of frequencies, in which a ring of the plane is even; a window's power is a half.
-    square = np.linspace(0.0, 12.0, 6001)[1:]
-    step = 2 * square[0]
-    left = 1 - np.power(1 - np.exp(-square), FITS)
-    energy, after = [], [np.square(left).sum() * step]
+    square, step = squares()
+    left = 1 - left_out(square)
+    energy, after = [], [white_noise()[0]]
     for octave in range(_OCTAVES):
-        detail = np.square(1 - np.exp(-square * 4**octave))
-        energy.append(np.square(left * detail).sum() * step)
+        detail = left_out(square * 4**octave, 2)
+        # Over a window's, which is a half.
+        energy.append(2 * step * np.square(left * detail).sum())
         left = left * (1 - detail)
-        after.append(np.square(left).sum() * step)
+        after.append(2 * step * np.square(left).sum())
     lost = -np.diff(after) / energy
     return _WhiteNoise(
         tuple(np.float32(each) for each in energy),

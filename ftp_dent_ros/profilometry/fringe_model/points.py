@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.cloud.response import FITS
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     ROUNDING,
@@ -21,7 +22,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
 from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
-from ftp_dent_ros.profilometry.fringe_model.solver import FITS, FringeFit
+from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
 from ftp_dent_ros.profilometry.fringe_model.start import LEAST_NODES
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig

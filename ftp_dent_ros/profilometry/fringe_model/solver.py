@@ -16,11 +16,6 @@ from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
 # Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each.
 _ROUNDS, _SHARPENED = 4, 2
-#: Fits in Gaussian windows, each of which corrects the ones before, that pass as much of waves at
-#: the nodes, between which values are interpolated.
-FITS = 8
-#: Wavelength of which half the depth is there after them, fringes.
-RESOLVED = 1.45
 # Round that chooses windows: the one before resolves what detail it can, which is no edge.
 _CHOICE = 1
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).

@@ -1,0 +1,62 @@
+"""What a cloud shows of waves on the skin, and of the light's noise: Gaussian windows' response.
+
+A surface comes from `FITS` fits in Gaussian windows, each of which corrects the ones before. Of a
+wave they leave out (1 - G)^FITS, G being what one window passes.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: So many pass as much of waves as the rounds of the solver do, which interpolates between nodes.
+FITS = 8
+
+
+def left_out(square: NDArray[np.floating], fits: int = FITS) -> NDArray[np.floating]:
+    """Of waves, what some fits leave out.
+
+    Parameters
+    ----------
+    square : ndarray
+        Half the square of angular frequencies times the windows' standard deviation.
+    fits : int
+    """
+    return (1 - np.exp(-square)) ** fits
+
+
+def halved(fits: int = FITS) -> float:
+    """Wavelength of which half is left out, in the windows' standard deviations."""
+    return math.pi * math.sqrt(2 / -math.log(1 - 0.5 ** (1 / fits)))
+
+
+def squares() -> tuple[NDArray[np.float64], float]:
+    """Values for `left_out`, even over the plane's rings, and their step."""
+    values = np.linspace(0.0, 12.0, 6001)[1:]
+    return values, float(values[0])
+
+
+@lru_cache(maxsize=256)
+def white_noise(smoothing: float = 0.0, fits: int = FITS) -> tuple[float, float]:
+    """What some fits and a Gaussian mean leave of white noise.
+
+    Parameters
+    ----------
+    smoothing : float
+        Standard deviation of the Gaussian, in the windows'.
+    fits : int
+
+    Returns
+    -------
+    variance : float
+        Over that after one window.
+    frequency : float
+        Mean square of its angular frequency along one direction, times the windows' variance.
+    """
+    values, step = squares()
+    left = np.square((1 - left_out(values, fits)) * np.exp(-values * smoothing**2))
+    total = left.sum()
+    return float(2 * step * total), float((values * left).sum() / total)
