@@ -1,7 +1,7 @@
 """What a cloud shows of waves on the skin, and of the light's noise: Gaussian windows' response.
 
-A surface comes from `FITS` fits in Gaussian windows, each of which corrects the ones before. Of a
-wave they leave out (1 - G)^FITS, G being what one window passes.
+A surface comes from fits in Gaussian windows, each of which corrects the ones before. Of a wave
+they leave out (1 - G)^fits, G being what one window passes.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-#: So many pass as much of waves as the rounds of the solver do, which interpolates between nodes.
-FITS = 8
+#: So many pass as much as the rounds of the solver do: of noise; and of waves on the skin, which
+#: level and contrast of the light follow in part.
+OF_NOISE, OF_WAVES = 8, 4
 
 
-def left_out(square: NDArray[np.floating], fits: int = FITS) -> NDArray[np.floating]:
+def left_out(square: NDArray[np.floating], fits: int) -> NDArray[np.floating]:
     """Of waves, what some fits leave out.
 
     Parameters
@@ -28,7 +29,7 @@ def left_out(square: NDArray[np.floating], fits: int = FITS) -> NDArray[np.float
     return (1 - np.exp(-square)) ** fits
 
 
-def halved(fits: int = FITS) -> float:
+def halved(fits: int) -> float:
     """Wavelength of which half is left out, in the windows' standard deviations."""
     return math.pi * math.sqrt(2 / -math.log(1 - 0.5 ** (1 / fits)))
 
@@ -40,7 +41,7 @@ def squares() -> tuple[NDArray[np.float64], float]:
 
 
 @lru_cache(maxsize=256)
-def white_noise(smoothing: float = 0.0, fits: int = FITS) -> tuple[float, float]:
+def white_noise(smoothing: float = 0.0, fits: int = OF_NOISE) -> tuple[float, float]:
     """What some fits and a Gaussian mean leave of white noise.
 
     Parameters

@@ -7,7 +7,7 @@ from functools import reduce
 
 import numpy as np
 
-from ftp_dent_ros.cloud.response import FITS, halved
+from ftp_dent_ros.cloud.response import OF_WAVES, halved
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.detection import LEAST, RATE, TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
@@ -37,7 +37,7 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
     width = settings.smallest_width
     square = (width / TENTH) ** 2
     resolution = np.zeros(1) if lattice.resolution is None else lattice.resolution
-    window = np.square(resolution / halved())
+    window = np.square(resolution / halved(OF_WAVES))
 
     def left(fits: int, more: float = 0.0) -> Map:
         """Of a Gaussian's depth, after fits in windows and a mean; their Gaussians add up."""
@@ -52,8 +52,8 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
     for scale in skin.noise.scales[1:]:
         spread = np.hypot(skin.noise.after(scale), wavy)
         seen = np.maximum((significant + _SURELY) * spread, LEAST * settings.smallest_depth)
-        places.append(seen / left(FITS, scale**2))
-    once, twice, restored = (left(FITS * order) for order in (1, 2, 3))
+        places.append(seen / left(OF_WAVES, scale**2))
+    once, twice, restored = (left(OF_WAVES * order) for order in (1, 2, 3))
     doubt = np.hypot(DOUBT * (twice - once), restored - twice)
     spread = np.hypot(skin.noise.after(math.sqrt(square) / 2), wavy)
     sure = restored - _SURELY * doubt

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.cloud.response import FITS, halved
+from ftp_dent_ros.cloud.response import halved
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.robust import median
@@ -124,14 +124,14 @@ class Lattice:
             fine = cv2.copyMakeBorder(fine, 0, over[0], 0, over[1], cv2.BORDER_REPLICATE)
         return np.asarray(fine).view(coarse.dtype)
 
-    def windows(self, at: NDArray[np.bool_]) -> tuple[float, int]:
-        """The windows that cells come from: standard deviation, metres, and fits in them.
+    def windows(self, at: NDArray[np.bool_], fits: int) -> tuple[float, int]:
+        """Standard deviation of the windows that cells come from by some fits, metres.
 
-        Of a cloud that does not state its resolution, one of some points.
+        Of a cloud that does not state its resolution, one fit in windows of some points.
         """
         if self.resolution is None:
             return _SUPPOSED * max(self.spacing) / self.block / halved(1), 1
-        return median(self.resolution[at]) / halved(), FITS
+        return median(self.resolution[at]) / halved(fits), fits
 
     def relative(self, points: NDArray) -> NDArray[np.float32]:
         """Points from the origin, shape (rows, columns, 3), metres."""

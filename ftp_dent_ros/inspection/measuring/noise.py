@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud.response import white_noise
+from ftp_dent_ros.cloud.response import OF_NOISE, left_out, white_noise
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
@@ -67,6 +67,20 @@ class Noise:
     def before(self, scale: float, stated: NDArray) -> NDArray:
         """Of white noise that is as strong as this one after a Gaussian of `scale` metres."""
         return self.after(scale, stated) / np.float32(_left(scale / self.window, self.fits))
+
+    def spectrum(self, square: NDArray, cell: float) -> NDArray:
+        """Of each frequency of white noise what there is in points of the variance 1.
+
+        Parameters
+        ----------
+        square : ndarray
+            Half the square of angular frequencies, 1 / m^2.
+        cell : float
+            From one point to the next along both axes, m^2.
+        """
+        variance = white_noise(0.0, self.fits)[0] / (4 * math.pi * self.window**2)
+        passed = 1 - left_out(square * self.window**2, self.fits)
+        return passed / math.sqrt(variance * cell)
 
     def significant(self, rate: float) -> float:
         """Standard deviations that noise passes in so many places a square metre, at all scales.
@@ -139,7 +153,7 @@ def measured_noise(
     stated = np.zeros_like(deviation) if lattice.sigma is None else lattice.sigma
     usual = median_of(stated[sample])
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
-    window, fits = lattice.windows(sample)
+    window, fits = lattice.windows(sample, OF_NOISE)
     cell = max(lattice.spacing) / math.sqrt(12)
     found = []
     for smooth, scale in zip((deviation, *maps), (0.0, *scales), strict=True):

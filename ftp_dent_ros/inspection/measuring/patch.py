@@ -13,11 +13,11 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.cloud.response import halved, left_out, white_noise
+from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
 from ftp_dent_ros.inspection.measuring.detection import Place
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.moments import Moments
-from ftp_dent_ros.inspection.measuring.noise import SURE, median_of
+from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Of a place's window, as a part of its size, and in cells of the lattice.
@@ -157,7 +157,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     step = lattice.spacing[0] / lattice.block / zoom, lattice.spacing[1] / lattice.block / zoom
     scale = _smoothing(skin, depth, stated, known, 0.7 * max(spacing, *step), width)
     depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
-    window, fits = lattice.windows(own)
+    window, fits = lattice.windows(own, OF_WAVES)
     is_stated = lattice.resolution is not None
     depth, doubt = _restored(depth, known, (window / step[0], window / step[1]), fits, is_stated)
     bridged, unsure, gaps = (
@@ -175,12 +175,12 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
         np.where(over, place.sign * bridged, np.where(known, depth, 0.0)),
         np.sqrt(doubt**2 + np.where(over, unsure, 0.0) ** 2 + beyond),
         skin.noise.before(scale, np.minimum(stated, usual)),
-        _passed(known.shape, step, window, fits, scale, is_stated),
+        _passed(known.shape, step, skin.noise, scale, (window, fits if is_stated else 0)),
         known | over,
         over,
         owned,
         step,
-        window * halved() if is_stated else math.nan,
+        window * halved(fits) if is_stated else math.nan,
     )
 
 
@@ -267,17 +267,15 @@ def _restored(
 def _passed(
     shape: tuple[int, ...],
     step: tuple[float, float],
-    window: float,
-    fits: int,
+    noise: Noise,
     scale: float,
-    is_stated: bool,
+    restored: tuple[float, int],
 ) -> Map:
     """Of each frequency of white noise what passes: correlated, smoothed, and raised again."""
     down = 2 * math.pi * scipy.fft.fftfreq(shape[0], step[1])[:, None]
     across = 2 * math.pi * scipy.fft.fftfreq(shape[1], step[0])
     square = (down * down + across * across) / 2
-    taken = left_out(square * window**2, fits)
-    # Points have the variance 1.
-    size = 2 * window * math.sqrt(math.pi / (white_noise(0.0, fits)[0] * step[0] * step[1]))
-    passed = size * (1 - taken) * (1 - left_out(square * scale**2, 2))
-    return passed * (1 + taken + taken * taken) if is_stated else passed
+    taken = left_out(square * restored[0] ** 2, restored[1]) if restored[1] else 0.0
+    raised = 1 + taken + taken * taken
+    smooth = 1 - left_out(square * scale**2, 2)
+    return noise.spectrum(square, math.prod(step)) * smooth * raised

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ftp_dent_ros.cloud.response import left_out, squares, white_noise
+from ftp_dent_ros.cloud.response import OF_NOISE, left_out, squares, white_noise
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
@@ -136,7 +136,7 @@ class _WhiteNoise:
 @cache
 def _white_noise() -> _WhiteNoise:
     square, step = squares()
-    left = 1 - left_out(square)
+    left = 1 - left_out(square, OF_NOISE)
     energy, after = [], [white_noise()[0]]
     for octave in range(_OCTAVES):
         detail = left_out(square * 4**octave, 2)

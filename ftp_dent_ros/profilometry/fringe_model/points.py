@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud.response import FITS
+from ftp_dent_ros.cloud.response import OF_NOISE
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     ROUNDING,
@@ -98,7 +98,7 @@ class Points:
         self._unexplained = (2 * unusual + 4 * detail) / np.square(np.maximum(amplitude, 1))
         power = np.square(amplitude) * grid.window_sums(fit.slope * fit.slope)
         # What level, amplitude and phase follow of the noise is not in the residuals.
-        freedom = grid.bins_in_window - 6 * sum(1 / n for n in range(1, FITS + 1))
+        freedom = grid.bins_in_window - 6 * sum(1 / n for n in range(1, OF_NOISE + 1))
         self._posterior = fit.scale / np.maximum(power * np.float32(freedom), np.float32(1e-6))
         _, v_p = nodes.meet(self._phase)
         amplitude = amplitude / pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)

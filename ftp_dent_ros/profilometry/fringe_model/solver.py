@@ -16,6 +16,9 @@ from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
 # Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each.
 _ROUNDS, _SHARPENED = 4, 2
+#: Wavelength of which half the depth is there after them, fringes: 1.7 along u, where level and
+#: amplitude take a part of it, and 1.3 along v.
+RESOLVED = 1.45
 # Round that chooses windows: the one before resolves what detail it can, which is no edge.
 _CHOICE = 1
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
