@@ -34,7 +34,9 @@ AT_RIM = 4.0
 _BOTTOM, _MOST = 0.9, 0.5
 
 
-def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) -> tuple[str, str]:
+def kind_of(
+    sizes: Sizes, sign: int, resolution: float, settings: SmallestDent, overlaps: bool
+) -> tuple[str, str]:
     """Kind, and the reason where it is in doubt; an empty kind is too small to list.
 
     Parameters
@@ -45,6 +47,8 @@ def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) 
     resolution : float
         Wavelength of which half is left, metres; NaN if it is not known.
     settings : SmallestDent
+    overlaps : bool
+        Whether its outline ends at another dent.
     """
     depth, width = sizes.depth.value, sizes.width.value
     narrow = width < settings.smallest_width
@@ -77,4 +81,6 @@ def kind_of(sizes: Sizes, sign: int, resolution: float, settings: SmallestDent) 
         return 'other', 'narrower than the smallest dent'
     if sizes.hidden > CUT:
         return 'dent', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
-    return 'dent', 'may be narrower than the smallest dent' if narrow else ''
+    if narrow:
+        return 'dent', 'may be narrower than the smallest dent'
+    return 'dent', 'overlaps another one: its outline ends where they part' if overlaps else ''

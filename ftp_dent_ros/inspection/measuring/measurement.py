@@ -45,16 +45,16 @@ def measure(
     patch = patch_of(place, skin, lattice)
     peaks = peaks_of(patch, LEAST * settings.smallest_depth)
     sized = [
-        (sizes_of(patch, at, region, skin), region)
-        for at, region in zip(peaks, divided(patch, peaks, LEVEL), strict=True)
+        (sizes_of(patch, at, region, skin), region, overlaps)
+        for at, (region, overlaps) in zip(peaks, divided(patch, peaks, LEVEL), strict=True)
     ]
-    if not any(sizes for sizes, _ in sized):
+    if not any(sizes for sizes, *_ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
     return [
         _dent(place, sizes, region, kind, patch, skin)
-        for sizes, region in sized
+        for sizes, region, overlaps in sized
         if sizes is not None
-        and (kind := kind_of(sizes, place.sign, patch.resolution, settings))[0]
+        and (kind := kind_of(sizes, place.sign, patch.resolution, settings, overlaps))[0]
     ]
 
 
@@ -78,9 +78,6 @@ def _dent(
     feet, outward = contour.foot(*(np.append(each, each[0]) for each in (outline.x, outline.y)))
     (position,), (normal,) = contour.foot(*(np.array([each]) for each in outline.centre))
     axis = axis_along(contour, normal, outline.axis)
-    reason = kind[1]
-    if not reason and kind[0] == 'dent' and region is not None:
-        reason = 'overlaps another one: its outline ends where they part'
     model_length, model_width = model_axes(patch, region, sizes)
     turns = sizes.angle.value, sizes.angle.value + math.pi / 2
     lengthwise, crosswise = (
@@ -89,7 +86,7 @@ def _dent(
     )
     return MeasuredDent(
         kind=kind[0],
-        reason=reason,
+        reason=kind[1],
         position=position,
         normal=normal,
         axis=axis,

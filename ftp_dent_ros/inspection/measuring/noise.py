@@ -65,7 +65,11 @@ class Noise:
         return np.hypot(alike, ratio * (self.stated if stated is None else stated))
 
     def before(self, scale: float, stated: NDArray) -> NDArray:
-        """Of white noise that is as strong as this one after a Gaussian of `scale` metres."""
+        """Of white noise that is as strong as this one after a Gaussian of `scale` metres.
+
+        Or of the widest that was measured.
+        """
+        scale = min(scale, self.scales[-1])
         return self.after(scale, stated) / np.float32(_left(scale / self.window, self.fits))
 
     def spectrum(self, square: NDArray, cell: float) -> NDArray:

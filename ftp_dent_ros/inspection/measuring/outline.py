@@ -124,12 +124,10 @@ def find_outline(
     wanted : float
         Part of the depth whose outline is asked for.
     region : ndarray, shape (rows, columns), bool, optional
-        Cells that it lies within: where it ends there, nothing is carried on.
+        Cells that it lies within.
     """
     noise = float(patch.strays[at])
-    level = wanted
-    if region is None:
-        level = min(max(wanted, _ABOVE * noise / depth), _HIGHEST)
+    level = min(max(wanted, _ABOVE * noise / depth), _HIGHEST)
     part = _closed(part_above(patch, at, level * depth, region))
     moments = Moments.of(part)
     if moments.cells < 9:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
-from ftp_dent_ros.inspection.measuring.detection import Place
+from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.moments import Moments
 from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
@@ -174,7 +174,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, 0.0)),
         np.sqrt(doubt**2 + np.where(over, unsure, 0.0) ** 2 + beyond),
-        skin.noise.before(scale, np.minimum(stated, usual)),
+        skin.noise.before(max(scale, width / TENTH), np.minimum(stated, usual)),
         _passed(known.shape, step, skin.noise, scale, (window, fits if is_stated else 0)),
         known | over,
         over,

@@ -46,8 +46,10 @@ def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
     return [(int(row), int(column)) for row, column in at[kept]]
 
 
-def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Mask | None]:
-    """Cells of each peak, divided where water would divide; None for those that stand alone.
+def divided(
+    patch: Patch, peaks: list[tuple[int, int]], level: float
+) -> list[tuple[Mask | None, bool]]:
+    """Cells of each peak, divided where water would divide, and whether it overlaps another one.
 
     Parameters
     ----------
@@ -55,15 +57,17 @@ def divided(patch: Patch, peaks: list[tuple[int, int]], level: float) -> list[Ma
     peaks : list of (int, int)
         Rows and columns.
     level : float
-        Part of its depth above which a dent is connected with another, or stands alone.
+        Part of its depth above which a dent is connected with one that it overlaps.
     """
     if len(peaks) < 2:
-        return [None] * len(peaks)
-    around = [part_above(patch, peak, level * patch.depth[peak], None) for peak in peaks]
-    alone = [sum(bool(part[other]) for other in peaks) < 2 for part in around]
+        return [(None, False) for _ in peaks]
     found = np.full(patch.depth.shape, -1, np.int32)
     found[tuple(np.array(peaks).T)] = np.arange(len(peaks))
-    for level in np.linspace(float(patch.depth.max()), 0.0, _LEVELS):
-        reached = patch.known & (patch.depth >= level) & (found < 0)
+    for depth in np.linspace(float(patch.depth.max()), 0.0, _LEVELS):
+        reached = patch.known & (patch.depth >= depth) & (found < 0)
         found = np.where(reached, nearest(found), found)
-    return [None if each else found == index for index, each in enumerate(alone)]
+    around = [part_above(patch, peak, level * patch.depth[peak], None) for peak in peaks]
+    return [
+        (found == index, sum(bool(part[other]) for other in peaks) > 1)
+        for index, part in enumerate(around)
+    ]
