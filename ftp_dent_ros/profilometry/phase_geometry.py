@@ -102,18 +102,9 @@ class PhaseGeometry:
         depth, v_p = meet(self.rig, self.along, columns)
         return np.float32(1) / depth, v_p
 
-    def deviation(
-        self, phase: NDArray[np.float32], variance: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """Standard deviation of points along their rays, metres; zero where there are none.
-
-        Parameters
-        ----------
-        phase, variance : ndarray, shape (rows, columns), float32
-            Absolute phase, radians, and its variance.
-        """
+    def per_radian(self, phase: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What points move along their rays with the phase, metres; zero where there are none."""
         (near, _), (there, _) = self.meet(phase), self.meet(phase + np.float32(_STEP))
         length = np.sqrt(1 + np.square(self.rays).sum(axis=-1))
-        slope = np.nan_to_num(np.abs(1 / there - 1 / near) * length / np.float32(_STEP))
-        deviation: NDArray[np.float32] = slope * np.sqrt(variance)
-        return deviation
+        moved: NDArray[np.float32] = np.abs(1 / there - 1 / near) * length / np.float32(_STEP)
+        return np.nan_to_num(moved)

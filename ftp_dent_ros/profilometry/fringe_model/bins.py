@@ -184,20 +184,29 @@ class Nearest:
     """
 
     def __init__(self, known: NDArray[np.bool_]) -> None:
-        self._index: NDArray[np.intp] | None = None
-        if known.all() or not known.any():
-            return
-        away: Any = (~known).view(np.uint8)
-        _, label = cv2.distanceTransformWithLabels(
-            away, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        place = np.zeros(label.max() + 1, np.intp)
-        place[label[known]] = np.flatnonzero(known)
-        self._index = place[label]
+        self._unknown = np.flatnonzero(~known) if known.any() else np.zeros(0, np.intp)
+        self._source = self._unknown
+        if len(self._unknown):
+            away: Any = (~known).view(np.uint8)
+            _, label = cv2.distanceTransformWithLabels(
+                away, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+            )
+            # Labels number what is known, row by row, from 1 on.
+            self._source = np.flatnonzero(known)[label.ravel()[self._unknown] - 1]
 
     def __call__(self, values: NDArray[Any]) -> NDArray[Any]:
         """The values with the nearest known one where none is known."""
-        return values if self._index is None else values.ravel()[self._index]
+        filled = values.copy()
+        np.put(filled, self._unknown, values.ravel()[self._source])
+        return filled
+
+
+def moved(values: NDArray[Any], columns: int, rows: int) -> Any:
+    """The value so far to the right and below, at the border the border's."""
+    down, right = abs(rows), abs(columns)
+    wide = cv2.copyMakeBorder(values, down, down, right, right, cv2.BORDER_REPLICATE)
+    height, width = values.shape
+    return wide[down + rows : down + rows + height, right + columns : right + columns + width]
 
 
 def dilated(nodes: NDArray[np.bool_], rows: int, columns: int) -> NDArray[np.bool_]:

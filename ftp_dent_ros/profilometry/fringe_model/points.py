@@ -160,9 +160,8 @@ class Points:
             deconvolved(nearest((each - smooth).astype(np.float32)), grid.step, grid.rows)
             for each in (inverse, self._bins.meet(self._fit.phase)[0])
         )
-        deviation, noise = (
-            self._nodes.deviation(at_nodes, Nearest(certain)(each)) for each in (variance, whole)
-        )
+        slope, known = self._nodes.per_radian(at_nodes), Nearest(certain)
+        deviation, noise = (slope * np.sqrt(known(each)) for each in (variance, whole))
         self.sheets.append(
             Sheet(
                 quadric,

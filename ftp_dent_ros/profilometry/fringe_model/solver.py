@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, moved
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
@@ -199,7 +199,7 @@ class Solver:
         the sides the phase goes on in a straight line.
         """
         step, (height, width) = self.grid.node, light.shape
-        beside = np.minimum.reduce([_moved(rest, round(u / step), v) for u, v in self._sides])
+        beside = np.minimum.reduce([moved(rest, round(u / step), v) for u, v in self._sides])
         across = self.grid.repeated(rest > self._across * beside)
         if not across.any():
             return fit
@@ -251,10 +251,3 @@ def _wave(fit, phase, plane):
     along_u, along_v = fit.slopes.astype(np.float32)
     return fit.waveform.at(phase, along_u * plane[0] + along_v * plane[1])
 
-
-def _moved(bins, columns, rows):
-    """The value of the bin so far to the right and below, at the border the border's."""
-    down, right = abs(rows), abs(columns)
-    wide = cv2.copyMakeBorder(bins, down, down, right, right, cv2.BORDER_REPLICATE)
-    height, width = bins.shape
-    return wide[down + rows : down + rows + height, right + columns : right + columns + width]

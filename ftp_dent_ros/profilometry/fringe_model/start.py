@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid, Nearest, moved
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
@@ -119,10 +119,14 @@ def fit_planes(
         explained.append(cv2.blur(share, (5, 9)))
     best = int(np.argmax([each[each > 0.5].sum() for each in explained]))
     explained[best] += _BETTER
-    chosen = np.argmax(explained, axis=0)
+    most = np.maximum.reduce(explained)
+    chosen = [each == most for each in explained]
 
     def of(values):
-        return np.choose(chosen, values).astype(np.float32)
+        taken = np.empty_like(most)
+        for value, here in zip(values, chosen, strict=True):
+            np.copyto(taken, value, where=here)
+        return taken
 
     phase = of(
         [p.at_nodes + np.arctan2(f.slope, f.amplitude) for f, p in zip(fits, planes, strict=True)]
@@ -130,7 +134,7 @@ def fit_planes(
     amplitude = of([f.swing for f in fits])
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
-    variance = 2 * rest / (strength * grid.bins_in_window)
+    variance = 2 * rest / (strength * np.float32(grid.bins_in_window))
     fringes = (variance < _DEVIATION**2) & (amplitude > FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
     leaps = _leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
@@ -191,14 +195,14 @@ def _leaps(
                 (round(sign * k * u * along_u), round(sign * k * v * along_v))
                 for k in (ASIDE, 2 * ASIDE)
             ]
-            near.append(_moved(wrapped, *places[0]))
-            far.append(_moved(wrapped, *places[1]))
-            beside.append(_moved(rest, *places[0]))
-            within = within & _moved(seen, *places[1])
+            near.append(moved(wrapped, *places[0]))
+            far.append(moved(wrapped, *places[1]))
+            beside.append(moved(rest, *places[0]))
+            within = within & moved(seen.view(np.uint8), *places[1]).view(bool)
         mixed = fringes & (rest > _CLEARER * (np.minimum(*beside) + ROUNDING) + least)
         rim |= mixed & ~within
         shown = mixed & within
-        crest = shown & (rest >= _moved(rest, u, v)) & (rest >= _moved(rest, -u, -v))
+        crest = shown & (rest >= moved(rest, u, v)) & (rest >= moved(rest, -u, -v))
         before, after = (n + wrap(n - f) for n, f in zip(near, far, strict=True))
         leap = np.where(crest, np.maximum(leap, np.abs(wrap(after - before))), leap)
         edge |= shown
@@ -210,11 +214,3 @@ def _leaps(
     leaps: NDArray[np.bool_] = rim | ((joined > 0) & (usual > _LEAP)[line])
     return leaps
 
-
-def _moved(nodes: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
-    """The value of the node so far to the right and below, at the border the border's."""
-    row, column = (
-        np.clip(np.arange(n) + by, 0, n - 1)
-        for n, by in zip(nodes.shape, (rows, columns), strict=True)
-    )
-    return nodes[np.ix_(row, column)]

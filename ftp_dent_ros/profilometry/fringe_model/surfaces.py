@@ -120,8 +120,10 @@ class Surfaces:
         fringes = np.square(light.unbroken - level - amplitude * np.cos(onwards))
         gain = light.usable * (np.square(light.unbroken - beyond) - fringes)
         gain = np.where(grid.repeated(near), gain, 0) - np.float32(ROUNDING)
-        wide, high = (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
-        lit = _stretches(gain, high) & _stretches(gain.T, wide).T
+        node, (wide, high) = grid.node, (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
+        total = cv2.integral(gain, sdepth=cv2.CV_64F)
+        across = _stretches(total[:, ::node].T, 2 * round(wide / node / 2) + 1).T
+        lit = _stretches(total, high) & grid.repeated(across)
         return lit, np.where(grid.repeated(inner), self.phase, onwards)
 
     def solvable(self, grid: BinGrid, lit: NDArray[np.bool_], start: Start) -> NDArray[np.bool_]:
@@ -131,16 +133,24 @@ class Surfaces:
         return lit | grid.repeated(whole | grid.within(other, 2 * _ACROSS))
 
 
-def _stretches(gain: NDArray[np.float32], across: int) -> NDArray[np.bool_]:
-    """In each row the bins from one to another whose sum is the largest: the likeliest ends.
+def _stretches(total: NDArray[np.float64], across: int) -> NDArray[np.bool_]:
+    """In each row the places from one to another whose sum is the largest: the likeliest ends.
 
     Rows are taken `across` at a time, as dark fringes tell no end.
+
+    Parameters
+    ----------
+    total : ndarray, shape (rows + 1, places + 1)
+        Sums over all rows above and all places before.
     """
-    rows: Any = cv2.blur(np.ascontiguousarray(gain), (1, across))
-    total = np.pad(np.cumsum(rows, axis=1, dtype=float), ((0, 0), (1, 0)))
+    count = len(total) - 1
+    above, below = (
+        np.clip(np.arange(count) + each, 0, count) for each in (-(across // 2), across // 2 + 1)
+    )
+    total = total[below] - total[above]
     lowest = np.minimum.accumulate(total, axis=1)
     last = (total - lowest).argmax(axis=1)[:, None]
     first = (total == np.take_along_axis(lowest, last, axis=1)).argmax(axis=1)[:, None]
-    bins = np.arange(gain.shape[1])
-    within: Any = ((bins >= first) & (bins < last)).view(np.uint8)
+    places = np.arange(total.shape[1] - 1)
+    within: Any = ((places >= first) & (places < last)).view(np.uint8)
     return cv2.dilate(within, np.ones((across, 1), np.uint8)) > 0
