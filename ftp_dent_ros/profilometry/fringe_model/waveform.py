@@ -47,7 +47,7 @@ class Waveform:
         Of the panel's light over the samples.
     frequency : ndarray, shape (frequencies,)
         Over the fringes'.
-    straight : tuple of ndarray, shape (samples,)
+    straight : ndarray, shape (3, samples)
         The blurred light over the samples, its derivative by the phase, and by the variance.
     variance : float
         Of the blur in the middle of the picture, radians^2.
@@ -59,7 +59,7 @@ class Waveform:
     has_code: bool
     spectrum: NDArray[np.complex128]
     frequency: NDArray[np.floating]
-    straight: tuple[NDArray[np.float64], ...] = ()
+    straight: NDArray[np.float32]
     variance: float = USUAL
     response: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_BENDS))
 
@@ -76,6 +76,7 @@ class Waveform:
             pattern.code == 'contrast',
             np.fft.rfft(light) / np.sinc(1 / pattern.period_px),
             np.fft.rfftfreq(count, math.tau / _SAMPLES) * math.tau,
+            np.empty((3, 0), np.float32),
         ).in_blur(USUAL)
 
     def in_blur(self, variance: float) -> Waveform:
@@ -84,7 +85,7 @@ class Waveform:
         half = (1 - np.square(self.frequency)) / 2
         blurred = self.spectrum * np.exp(variance * half)
         spectra = np.stack([blurred, 1j * self.frequency * blurred, half * blurred])
-        straight = tuple(np.fft.irfft(spectra, 2 * (len(self.frequency) - 1)))
+        straight = np.fft.irfft(spectra, 2 * (len(self.frequency) - 1)).astype(np.float32)
         return replace(self, straight=straight, variance=variance)
 
     @cached_property
@@ -105,10 +106,9 @@ class Waveform:
     def tables(self) -> tuple[NDArray[np.float32], ...]:
         """F, dF / d phase, dF / d variance and the straight F at the samples, shape (samples,)."""
         light, slope, by_blur = self.straight
-        bent = [0, 1, *self.response]
+        bent = np.array([0, 1, *self.response], np.float32)
         steep = chebyshev.chebval(light, chebyshev.chebder(bent))
-        tables = chebyshev.chebval(light, bent), steep * slope, steep * by_blur, light
-        return tuple(each.astype(np.float32) for each in tables)
+        return chebyshev.chebval(light, bent), steep * slope, steep * by_blur, light
 
     def at(
         self, phase: NDArray[np.float32], more_blur: NDArray[np.float32] | None = None
