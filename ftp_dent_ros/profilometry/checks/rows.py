@@ -105,10 +105,10 @@ def _waves(
     left : ndarray, shape (n,)
         Mean square of what it leaves.
     """
-    wave = np.exp(np.complex64(2j * math.pi / pattern.row_period_px) * v)
+    turn = 2 * math.pi / pattern.row_period_px * v
     y, x = (each.ravel() for each in np.mgrid[-1 : 1 : size[0] * 1j, -1 : 1 : size[1] * 1j])
     quadric = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    both = np.stack([wave.real, -wave.imag], axis=-1)
+    both = np.stack([np.cos(turn), -np.sin(turn)], axis=-1)
     terms = np.concatenate([np.broadcast_to(quadric, (*v.shape, 6)), both], axis=-1)
     weighted = (terms * weight[..., None]).transpose(0, 2, 1)
     found = np.linalg.solve(weighted @ terms, weighted @ level[..., None])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -25,15 +26,14 @@ class LocalFit:
     Attributes
     ----------
     level, amplitude, slope : ndarray, shape (rows, nodes), float32
-    rest, total : ndarray
-        Weighted mean square of what the fit leaves, and of the light about its mean.
+    squares : callable
+        Computes `rest` and `total`, which not all need.
     """
 
     level: NDArray[np.float32]
     amplitude: NDArray[np.float32]
     slope: NDArray[np.float32]
-    rest: NDArray[np.float32]
-    total: NDArray[np.float32]
+    squares: Callable[[], tuple[NDArray[np.float32], NDArray[np.float32]]]
 
     @classmethod
     def of_mixture(cls, fits: Sequence[LocalFit], shares: Sequence[float]) -> LocalFit:
@@ -47,11 +47,29 @@ class LocalFit:
         level, amplitude, slope = (
             mixed([getattr(fit, name) for fit in fits]) for name in ('level', 'amplitude', 'slope')
         )
-        rest, total = (
-            np.square(mixed([np.sqrt(getattr(fit, name)) for fit in fits]))
-            for name in ('rest', 'total')
-        )
-        return cls(level, amplitude, slope, rest, total)
+
+        def squares():
+            rest, total = (
+                np.square(mixed([np.sqrt(getattr(fit, name)) for fit in fits]))
+                for name in ('rest', 'total')
+            )
+            return rest, total
+
+        return cls(level, amplitude, slope, squares)
+
+    @cached_property
+    def _squares(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        return self.squares()
+
+    @property
+    def rest(self) -> NDArray[np.float32]:
+        """Weighted mean square of what the fit leaves."""
+        return self._squares[0]
+
+    @property
+    def total(self) -> NDArray[np.float32]:
+        """Weighted mean square of the light about its mean."""
+        return self._squares[1]
 
     @property
     def swing(self) -> NDArray[np.float32]:
@@ -102,15 +120,19 @@ class Windows:
         """Fit bins of light, shape (rows, columns)."""
         weight, by_waveform, by_slope = self._bins
         weighted = weight * light
-        i, fi, di, ii = (
+        i, fi, di = (
             self._grid.window_sums(each)
-            for each in (weighted, by_waveform * light, by_slope * light, weighted * light)
+            for each in (weighted, by_waveform * light, by_slope * light)
         )
         fi -= self._f * i * self._mean
         di -= self._d * i * self._mean
-        ii -= i * i * self._mean
         dd, fd, ff = self._inverse
         amplitude, slope = fi * dd - di * fd, di * ff - fi * fd
-        rest = np.maximum(ii - amplitude * fi - slope * di, 0) * self._mean
         level = (i - amplitude * self._f - slope * self._d) * self._mean
-        return LocalFit(level, amplitude, slope, rest, np.maximum(ii, 0) * self._mean)
+
+        def squares():
+            ii = self._grid.window_sums(weighted * light) - i * i * self._mean
+            rest = np.maximum(ii - amplitude * fi - slope * di, 0) * self._mean
+            return rest, np.maximum(ii, 0) * self._mean
+
+        return LocalFit(level, amplitude, slope, squares)

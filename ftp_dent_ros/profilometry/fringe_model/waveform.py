@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
+from scipy.fft import irfft
 
 from ftp_dent_ros.pattern.pattern import Pattern
 
@@ -85,7 +86,7 @@ class Waveform:
         half = (1 - np.square(self.frequency)) / 2
         blurred = self.spectrum * np.exp(variance * half)
         spectra = np.stack([blurred, 1j * self.frequency * blurred, half * blurred])
-        straight = np.fft.irfft(spectra, 2 * (len(self.frequency) - 1)).astype(np.float32)
+        straight = irfft(spectra.astype(np.complex64), 2 * (len(self.frequency) - 1))
         return replace(self, straight=straight, variance=variance)
 
     @cached_property
