@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# Bins a fringe along u, and fringes that a bin is high: a fringe is sampled, not averaged away.
-_PER_FRINGE, _HIGH = 7.0, 0.4
-# Fringes between nodes: windows half a fringe wide change little over it.
-_PITCH = 0.43
+# Bins a fringe along u: a fringe is sampled, not averaged away.
+_PER_FRINGE = 7.0
+# Fringes between nodes along u and v: windows half a fringe wide change little over it.
+_PITCH = 0.41
 # A Gaussian is computed on a grid so coarse that it is still this wide.
 _FINE = 2.5
 # Pixel rows of a bin: fewer cost time, more than these are seen as steps.
@@ -54,7 +54,7 @@ class BinGrid:
     def of(cls, width: int, height: int, period: float) -> BinGrid:
         """Grid for fringes of `period` pixels."""
         step = max(1, round(period / _PER_FRINGE))
-        rows = int(np.clip(round(_HIGH * period), *_ROWS))
+        rows = int(np.clip(round(_PITCH * period), *_ROWS))
         return cls(width, height, period, step, rows, max(2, round(_PITCH * period / step)))
 
     @property

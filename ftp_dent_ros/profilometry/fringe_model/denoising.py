@@ -26,13 +26,13 @@ _OF_DIRT = 2.0
 _OF_WINDOWS = 1.36
 # Part of the contrast's energy by which the noise's strays: the chance of some 7 windows.
 _CHANCE = 0.5
-# Widths of windows over which energy and noise are means: 1 and 9 windows count.
-_OF_ENERGY, _OF_NOISE = 1.0, 3.0
+# Widths of windows over which noise is a mean: 9 windows count. Energy is the mean over one.
+_OF_NOISE = 3.0
 # From an octave to the next, noise falls to a half at least: dirt is white along u. The first two
 # pass the windows of the fit alike.
 _FALLS = 1.0, 0.5
 # Noise beyond the widest window over the last octave's: a quarter, and a quarter of that, and on.
-_BEYOND = 0.33
+_BEYOND = _FALLS[1] ** 2 / (1 - _FALLS[1] ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def denoise(
         if octave:
             noise = np.minimum(noise, np.float32(_FALLS[octave > 1]) * before)
         whole = whole + noise
-        energy = mean.of(detail * detail, _OF_ENERGY * width)
+        energy = mean.of(detail * detail, width)
         change = np.minimum(contrast, amplitude)
         signal = np.where(energy > noise + np.float32(_CHANCE) * change, energy - noise, 0)
         taken = change / np.maximum(energy, np.float32(1e-12))

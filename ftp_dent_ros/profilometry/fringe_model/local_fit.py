@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 
 #: Fringes from a window to those at its sides: an edge there is three deviations off.
-ASIDE = 1.5
-# Smallest determinant of a window's normal equations: the fringes' power squared, a millionth.
-_SINGULAR = 1e-6
+ASIDE = 3 * WIDTH
+# Of single precision, which sums of light have: less is nothing to divide by.
+_EPSILON = np.finfo(np.float32).eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,20 +109,19 @@ class Windows:
                 *(by_waveform * waveform, by_waveform * derivative, by_slope * derivative),
             )
         )
-        self._mean = 1 / np.maximum(self.weight, np.float32(1e-6))
+        self._mean = 1 / np.maximum(self.weight, _EPSILON)
         ff -= self._f * self._f * self._mean
         fd -= self._f * self._d * self._mean
         dd -= self._d * self._d * self._mean
-        scale = 1 / np.maximum(ff * dd - fd * fd, np.float32(_SINGULAR))
+        scale = 1 / np.maximum(ff * dd - fd * fd, _EPSILON)
         self._inverse = dd * scale, fd * scale, ff * scale
 
     def fit(self, light: NDArray[Any]) -> LocalFit:
         """Fit bins of light, shape (rows, columns)."""
         weight, by_waveform, by_slope = self._bins
-        weighted = weight * light
         i, fi, di = (
             self._grid.window_sums(each)
-            for each in (weighted, by_waveform * light, by_slope * light)
+            for each in (weight * light, by_waveform * light, by_slope * light)
         )
         fi -= self._f * i * self._mean
         di -= self._d * i * self._mean
@@ -131,7 +130,7 @@ class Windows:
         level = (i - amplitude * self._f - slope * self._d) * self._mean
 
         def squares():
-            ii = self._grid.window_sums(weighted * light) - i * i * self._mean
+            ii = self._grid.window_sums(weight * light * light) - i * i * self._mean
             rest = np.maximum(ii - amplitude * fi - slope * di, 0) * self._mean
             return rest, np.maximum(ii, 0) * self._mean
 

@@ -20,7 +20,7 @@ from ftp_dent_ros.profilometry.fourier_transform.carrier import ReferencePlane, 
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
-from ftp_dent_ros.profilometry.fringe_model.orders import OrderLikelihood
+from ftp_dent_ros.profilometry.fringe_model.orders import WORD, OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, Pixels, Sheet
 from ftp_dent_ros.profilometry.fringe_model.points import Points, within_panel
 from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
@@ -37,13 +37,6 @@ from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
-
-# Half width of what the blurred stripe takes of green and blue: a fringe.
-_STRIPE = math.tau
-# Fringes that the strip is high which shows the code's blur first.
-_STRIP = 10.0
-# Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
-_CLIPPED = 0.5
 
 
 class FringeModel:
@@ -92,7 +85,8 @@ class FringeModel:
         stripe = self.pattern.code == 'stripe'
         light = Light.of(photograph, grid, stripe)
         start = fit_planes(grid, light, self._planes, self._steps)
-        clipped = grid.at_nodes(light.usable) < _CLIPPED
+        usable = grid.at_nodes(light.usable)
+        clipped = usable < 1 - usable
         fringes = start.surface >= 0
         _check_light(clipped, fringes)
         orders, numbered = self._likelihood.numbered(grid, light, start)
@@ -135,14 +129,15 @@ class FringeModel:
         """Grey light, a stripe filled from red by their ratio around it, and nodes around it."""
         if not light.has_stripe:
             return light.grey, start.fringes
-        around = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * math.tau
+        # The blurred stripe takes of green and blue in the fringes beside it, too.
+        around = np.abs(self.grid.at_nodes(phase)) > (1 + 2 * WIDTH) * math.tau
         around &= start.fringes
         nearest = Nearest(around)
         other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
         ratio = other.swing / np.maximum(start.own.swing, 1)
         filled = self.grid.at_bins(nearest(other.level - ratio * start.own.level))
         filled += (light.shares[0] + self.grid.at_bins(nearest(ratio))) * light.unbroken
-        return np.where(np.abs(phase) < _STRIPE, filled, light.grey), around
+        return np.where(np.abs(phase) < math.tau, filled, light.grey), around
 
     def _solved(
         self,
@@ -159,7 +154,7 @@ class FringeModel:
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:
         """The waveform in the blur that a strip of the picture shows, where most fringes are."""
-        high = min(len(inside), math.ceil(_STRIP * self.grid.fringe[1]))
+        high = min(len(inside), math.ceil(WORD * self.grid.fringe[1]))
         count = np.convolve(inside.sum(axis=1), np.ones(high), mode='valid')
         rows = slice(int(count.argmax()), int(count.argmax()) + high)
         strip = replace(self.grid, height=high * self.grid.rows)
@@ -201,11 +196,11 @@ class FringeModel:
 
 def _check_light(clipped: NDArray[np.bool_], fringes: NDArray[np.bool_]) -> None:
     """Raise the reason if most of the light is clipped, or none has fringes."""
-    count = np.count_nonzero(clipped)
-    share = count / np.count_nonzero(clipped | fringes) if count > LEAST_NODES else 0.0
-    if share > _CLIPPED:
+    count, rest = (int(np.count_nonzero(each)) for each in (clipped, fringes & ~clipped))
+    if count > max(rest, LEAST_NODES):
         raise SaturatedError(
-            f'the fringes are clipped over {share:.0%} of the lit area: expose for a shorter time'
+            f'the fringes are clipped over {count / (count + rest):.0%} of the lit area: expose '
+            'for a shorter time'
         )
     if not fringes.any():
         raise TooDarkError(

@@ -25,8 +25,8 @@ from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit
 from ftp_dent_ros.profilometry.fringe_model.start import Start
 
-# Cells a fringe, each a fringe high: windows of half a fringe resolve no more.
-_CELLS = 2
+# Cells a fringe, each a fringe high: windows resolve no more.
+_CELLS = round(1 / WIDTH)
 # Share of the code's light that noise leaves: a limit of logarithms.
 _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
@@ -43,9 +43,6 @@ _ODDS = 1e3
 _PART_ODDS = 1e5
 # Of words, by how well they are read: half of a surface may be another's.
 _WELL_READ = 0.75
-# Share of the steps' squares that a code explains at least, of a surface and of all together:
-#: that of another pattern explains a quarter, by chance, and of a few fringes more.
-_EXPLAINED = 0.5
 # Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
@@ -140,12 +137,12 @@ class OrderLikelihood:
         ratio, weight = _code(light, start, grid.bins_in_window)
         orders: list[int] = []
         index = np.full(start.surface.shape, -1, np.int32)
-        unexplained = 0.0  # of all surfaces' nodes, beyond what may be
+        unexplained = 0.0  # of all surfaces' nodes, more than is explained
         sizes = np.bincount(start.surface[start.surface >= 0])
         for number in np.flatnonzero(sizes):
             nodes = start.surface == number
             parts, explained = self.parts(start.phase, ratio, weight, nodes, grid.fringe[1])
-            unexplained += np.nan_to_num((_EXPLAINED - explained) * sizes[number])
+            unexplained += np.nan_to_num((1 - 2 * explained) * sizes[number])
             for order, part in parts:
                 index[part] = len(orders)
                 orders.append(order)
@@ -217,7 +214,8 @@ class OrderLikelihood:
         each = self._likelihood(cells, orders, *pairs[int(np.argmax(read))])
         words = _order_of_words(each, best)
         explained = self._explained(cells, words, orders + cells.first)
-        if explained < _EXPLAINED:
+        # That of another pattern explains a quarter, by chance, and of a few fringes more.
+        if explained < 1 - explained:
             return [], explained
         local = words[cells.block, cells.cell]
         parts = []

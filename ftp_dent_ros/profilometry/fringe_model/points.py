@@ -22,27 +22,24 @@ from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
-from ftp_dent_ros.profilometry.fringe_model.start import LEAST_NODES
+from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAST_NODES
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
 
 # Mean square of the residual about a node over its scale, beyond which its light is not explained
 # (F test at 1e-6, some 12 bins), and from which on it makes the phase less certain.
 _UNEXPLAINED, _UNUSUAL = 30.0, 3.0
-# Standard deviations of what noise alone leaves so unevenly.
+# Standard deviations of what noise alone leaves so unevenly, and that an amplitude shows fringes
+# by.
 _CHANCE = 2.0
-# Amplitude over the residuals' scale that shows fringes: two standard deviations.
-_VISIBLE = 2.0
 # Share of the bins about that must not be clipped: crests may be.
 _SEEN = 0.4
-# Standard deviation of a phase that is published, radians: a 24th of a fringe.
-_DEVIATION = math.pi / 12
+# Standard deviation of a phase that is published, radians: half of that which is unwrapped.
+_DEVIATION = DEVIATION / 2
 # Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
 _FAINTER = 0.6
 # Rows and columns of nodes at the rim into which light from beside the surface reaches.
 _BOTH = 1, 2
-# Fringes from a surface on where the light is another's.
-_FAR_OFF = 1.0
 
 
 class Points:
@@ -83,7 +80,7 @@ class Points:
         rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
         scale = np.maximum(fit.scale, np.float32(ROUNDING))
         explained = rest < _UNEXPLAINED * scale
-        visible = grid.at_nodes(fit.amplitude) > _VISIBLE * np.sqrt(scale)
+        visible = grid.at_nodes(fit.amplitude) > _CHANCE * np.sqrt(scale)
         self._good = explained & visible & (self._seen > _SEEN)
         beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
         self._whole = amplitude > _FAINTER * beside
@@ -183,7 +180,8 @@ class Points:
         Beside another surface's fringes, and at small holes, the share tells nothing.
         """
         along_u, along_v = self._grid.fringe
-        reach = [math.ceil(_FAR_OFF * n) for n in (along_v, along_u / self._grid.node)]
+        # A fringe from a surface on the light is another's.
+        reach = [math.ceil(n) for n in (along_v, along_u / self._grid.node)]
         inner = ~dilated(~certain, 1, 1)
         other = wider_than_windows(self._good & ~inside)
         near, others = (dilated(each, *reach) for each in (certain, other))

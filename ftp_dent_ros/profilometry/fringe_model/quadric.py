@@ -35,6 +35,8 @@ def quadric_through(places, values: NDArray[np.floating], mask: NDArray[np.bool_
     """
     inside = np.flatnonzero(mask)
     some = inside[:: max(1, len(inside) // _POINTS)]
-    x, y = (np.broadcast_to(each, mask.shape)[np.unravel_index(some, mask.shape)] for each in places)
+    x, y = (
+        np.broadcast_to(each, mask.shape)[np.unravel_index(some, mask.shape)] for each in places
+    )
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     return Quadric(fitted(terms, values.ravel()[some]))

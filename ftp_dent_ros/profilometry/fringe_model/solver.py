@@ -14,8 +14,8 @@ from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
-# Gauss-Newton rounds with the same windows, before bins choose theirs and after; and times that the
-# windows' own smoothing is taken off the shift in each.
+# Gauss-Newton rounds with the same windows, before bins choose theirs and after; and times that
+# the windows' own smoothing is taken off the shift in each.
 _ROUNDS, _SHARPENED = 2, 2
 #: Wavelength of which half the depth is there after them, fringes.
 RESOLVED = 1.45
@@ -136,7 +136,7 @@ class Solver:
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift without the windows' own smoothing of them."""
         weight = self.grid.at_nodes(weight)
-        share = 1 / np.maximum(windows.weight, np.float32(1e-6))
+        share = 1 / np.maximum(windows.weight, np.finfo(np.float32).eps)
         sharpened = []
         for smooth in (fit.level, fit.amplitude, fit.slope):
             sharp = smooth
@@ -219,7 +219,8 @@ class Solver:
             return cv2.erode(self.grid.around(misfit), self._box).ravel()[near] + rest
 
         best = [each[near] for each in fitted]
-        least = misfit_of(*best, rest[near])
+        level, amplitude, away = best
+        least = misfit_of(level, amplitude, away, rest[near])
         for u, v in self._sides:
             there, beyond = (
                 np.clip(row + k * v, 0, height - 1) * width + np.clip(column + k * u, 0, width - 1)
@@ -250,4 +251,3 @@ def _wave(fit, phase, plane):
         return fit.waveform.at(phase)
     along_u, along_v = fit.slopes.astype(np.float32)
     return fit.waveform.at(phase, along_u * plane[0] + along_v * plane[1])
-

@@ -20,14 +20,12 @@ from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
 #: Planes, in baselines: a carrier within a factor of 1.5 of the fringes' is near enough.
 PLANES = 2.0, 4.0, 8.0
-# Standard deviation of a phase that may be unwrapped: three are a right angle.
-_DEVIATION = math.pi / 6
+#: Standard deviation of a phase that may be unwrapped: three are a right angle.
+DEVIATION = math.pi / 6
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
 # and what the phases of both sides are apart where they meet at most of it, radians: edges of
 # paint or light leave 0.17 at most.
 _CLEARER, _LEAP = 4.3, 0.22
-# Share of what a surface's own phase explains that a plane does that comes near to it.
-_NEAR = 0.5
 #: Nodes that a surface has at least: two rows of windows over some fringes.
 LEAST_NODES = 30
 # Share of the fit that another plane must explain more, so that it is not chosen by noise.
@@ -135,7 +133,7 @@ def fit_planes(
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
     variance = 2 * rest / (strength * np.float32(grid.bins_in_window))
-    fringes = (variance < _DEVIATION**2) & (amplitude > FAINTEST)
+    fringes = (variance < DEVIATION**2) & (amplitude > FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
     leaps = _leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
     unwrapped = unwrap(wrapped, fringes & ~leaps)
@@ -158,13 +156,14 @@ def fit_planes(
 
 
 def _near(part: NDArray[np.int32], *explained: NDArray[np.float32]) -> NDArray[np.int32]:
-    """The surfaces to whose fringes a plane comes near, as its share and their own explain them.
+    """The surfaces to whose fringes a plane comes near.
 
-    What is seen of others, and of too few nodes, is by chance.
+    It explains most of what their own phase does. What is seen of others, and of too few nodes,
+    is by chance.
     """
     inside = part >= 0
     size, plane, own = (np.bincount(part[inside], x[inside], 1) for x in (inside, *explained))
-    return np.where(((plane > _NEAR * own) & (size >= LEAST_NODES))[part], part, -1)
+    return np.where(((plane > own - plane) & (size >= LEAST_NODES))[part], part, -1)
 
 
 def _leaps(
@@ -213,4 +212,3 @@ def _leaps(
     usual[1:] = ndimage.median(leap, np.where(leap >= 0, line, 0), np.arange(1, count))
     leaps: NDArray[np.bool_] = rim | ((joined > 0) & (usual > _LEAP)[line])
     return leaps
-

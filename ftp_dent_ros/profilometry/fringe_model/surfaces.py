@@ -23,6 +23,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.start import Start
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
@@ -32,10 +33,6 @@ from ftp_dent_ros.profilometry.unwrapping import wrap
 _ACROSS = 2 * WIDTH
 # Nodes to each side that a whole window has: two deviations.
 _WHOLE = 2
-# Fringes beyond a surface within which its bins may go on.
-_BEYOND = 1.5
-# Fringes beyond it from which on it is dark in any blur.
-_DARK = 3.0
 # What the start, smooth over a window, may differ by from the first fit, radians.
 _OFF = 1.0
 
@@ -102,14 +99,14 @@ class Surfaces:
         beside = nearest(away)
         away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
         other = wider_than_windows((start.surface >= 0) & ~known)
-        near = grid.within(known, _BEYOND) & Nearest(known | other)(known)
+        near = grid.within(known, ASIDE) & Nearest(known | other)(known)
         return cls(known, np.where(near, label, -1), reference + grid.at_bins(away), reference)
 
     def ends(
         self, grid: BinGrid, light: Light, start: Start
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
         """Bins between the ends of the light, and the phase that goes on from inside to there."""
-        inner, near = ~grid.within(~self.known, _ACROSS), grid.within(self.known, _DARK)
+        inner, near = ~grid.within(~self.known, _ACROSS), grid.within(self.known, 2 * ASIDE)
         from_inside = Nearest(inner)
         away, level, amplitude = (
             grid.at_bins(from_inside(each))
