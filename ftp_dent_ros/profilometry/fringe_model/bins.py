@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 _PER_FRINGE = 7.0
 # Fringes between nodes along u and v: windows half a fringe wide change little over it.
 _PITCH = 0.41
-# A Gaussian is computed on a grid so coarse that it is still this wide.
-_FINE = 2.5
 # Pixel rows of a bin: fewer cost time, more than these are seen as steps.
 _ROWS = 4, 16
 
@@ -132,11 +130,11 @@ class BinGrid:
         """Gaussian of so many fringes over values at the nodes."""
         sigmas = fringes * self.fringe[0] / self.node, fringes * self.fringe[1]
         size = nodes.shape[::-1]
-        # Wide windows see no more on a coarser grid.
-        coarse = [max(1, int(sigma / _FINE)) for sigma in sigmas]
-        if coarse == [1, 1]:
+        # Wide Gaussians see no more on a coarser grid: there twice as wide as the windows.
+        coarse = int(fringes / (2 * WIDTH))
+        if coarse <= 1:
             return _gaussian(nodes, *sigmas)
-        small = tuple(-(-n // each) for n, each in zip(size, coarse, strict=True))
+        small = tuple(-(-n // coarse) for n in size)
         few: Any = cv2.resize(nodes, small, interpolation=cv2.INTER_AREA)
         sigma_u, sigma_v = (s * m / n for s, m, n in zip(sigmas, small, size, strict=True))
         smooth: Any = cv2.resize(

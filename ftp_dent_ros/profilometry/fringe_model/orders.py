@@ -40,7 +40,7 @@ _SAME = 1 / (_CELLS * 4 * math.pi * WIDTH**2)
 _ODDS = 1e3
 # Odds of another order within words of the code that part them from the surface: surfaces that
 # meet in whole fringes are as rare.
-_PART_ODDS = 1e5
+_PART_ODDS = _ODDS**2
 # Of words, by how well they are read: half of a surface may be another's.
 _WELL_READ = 0.75
 # Fringes that tell their place in the code; so many rows of them are looked at together.
@@ -48,8 +48,6 @@ WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
 # window on each side of it.
 _EDGE = round(1 + 4 * WIDTH)
-# Share of the nodes lit under any order that must be lit: all of them are if the pattern is right.
-_ON_PANEL = 0.9
 
 _UNNUMBERED = {
     'stripe': (
@@ -251,11 +249,11 @@ class OrderLikelihood:
         return float(of_parts * sums[0] ** 2 / max(sums[1] * sums[2], 1e-12))
 
     def _lit_orders(self, low, place):
-        """Orders under which the panel lights the surface."""
+        """Orders under which the panel lights most of what it can."""
         orders = np.arange(self._first - low - self._count, self._first - low + self._count)
         shifted = place[None, :: max(1, len(place) // 500)] + math.tau * orders[:, None]
         lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
-        return orders[lit > _ON_PANEL * lit.max()]
+        return orders[lit > lit.max() / 2]
 
     def _expected(self, first):
         """Steps of the code from fringes of some orders on, shape (orders, cells)."""

@@ -26,14 +26,12 @@ from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAST_NODES
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
 
-# Mean square of the residual about a node over its scale, beyond which its light is not explained
-# (F test at 1e-6, some 12 bins), and from which on it makes the phase less certain.
-_UNEXPLAINED, _UNUSUAL = 30.0, 3.0
+# Mean square of the residual about a node over its scale, from which on it makes the phase less
+# certain.
+_UNUSUAL = 3.0
 # Standard deviations of what noise alone leaves so unevenly, and that an amplitude shows fringes
 # by.
 _CHANCE = 2.0
-# Share of the bins about that must not be clipped: crests may be.
-_SEEN = 0.4
 # Standard deviation of a phase that is published, radians: half of that which is unwrapped.
 _DEVIATION = DEVIATION / 2
 # Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
@@ -75,13 +73,13 @@ class Points:
         self._amplitude = amplitude
         share = grid.at_nodes(usable)
         self._usable = share > 0
-        self._seen = _around(share)
+        usable_about = _around(share)
+        self._seen = usable_about > 1 - usable_about  # crests may be clipped
         square = usable * fit.residual * fit.residual
-        rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
+        rest = _around(grid.at_nodes(square)) / np.maximum(usable_about, np.float32(1e-3))
         scale = np.maximum(fit.scale, np.float32(ROUNDING))
-        explained = rest < _UNEXPLAINED * scale
         visible = grid.at_nodes(fit.amplitude) > _CHANCE * np.sqrt(scale)
-        self._good = explained & visible & (self._seen > _SEEN)
+        self._good = visible & self._seen
         beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
         self._whole = amplitude > _FAINTER * beside
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
@@ -188,7 +186,7 @@ class Points:
         at_end = dilated(~near, *(2 * n + 1 for n in reach)) & ~others
         share = self._share(near, inner)
         sure = inner | (certain & ~at_end)
-        lit = near & at_end & (share > SHARE) & (self._seen > _SEEN)
+        lit = near & at_end & (share > SHARE) & self._seen
         return sure, share, sure | lit
 
     def _share(self, near, inner: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -25,8 +25,6 @@ _SIGNIFICANCE = 1e-5
 _EVERY = 5
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0
-# Least mean weight of a window that may be taken.
-_LEAST_WEIGHT = 0.05
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
 _REDESCENDS = 2.0
 
@@ -130,8 +128,7 @@ class Solver:
             for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
                 each += more
             fit = replace(fit, phase=shift, level=level, amplitude=amplitude)
-        rest = change.rest + np.float32(ROUNDING)
-        return fit, np.where(windows.weight > _LEAST_WEIGHT, rest, np.float32(np.inf))
+        return fit, change.rest + np.float32(ROUNDING)
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift without the windows' own smoothing of them."""

@@ -19,7 +19,6 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     WIDTH,
     BinGrid,
     Nearest,
-    dilated,
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.light import Light
@@ -31,10 +30,6 @@ from ftp_dent_ros.profilometry.unwrapping import wrap
 
 # Fringes from an edge within which a window sees both sides: two of its standard deviations.
 _ACROSS = 2 * WIDTH
-# Nodes to each side that a whole window has: two deviations.
-_WHOLE = 2
-# What the start, smooth over a window, may differ by from the first fit, radians.
-_OFF = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +88,7 @@ class Surfaces:
             here = grid.repeated(here)
             reference[here] = bins.phase(quadric.at(*grid.bin_places))[here]
         share = np.maximum(grid.smooth_nodes(known.astype(np.float32), WIDTH), 1e-3)
-        smooth = grid.smooth_nodes(away * known, WIDTH) / share
-        away = np.where(np.abs(smooth - away) < _OFF, smooth, away)
+        away = grid.smooth_nodes(away * known, WIDTH) / share
         # A surface without a number is whole fringes off its neighbour's, or none.
         beside = nearest(away)
         away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
@@ -125,7 +119,7 @@ class Surfaces:
 
     def solvable(self, grid: BinGrid, lit: NDArray[np.bool_], start: Start) -> NDArray[np.bool_]:
         """Bins between the ends, with whole windows on a surface, or near another one."""
-        whole = ~dilated(~self.known, _WHOLE, _WHOLE)
+        whole = ~grid.within(~self.known, _ACROSS)
         other = wider_than_windows((start.surface >= 0) & ~self.known)
         return lit | grid.repeated(whole | grid.within(other, 2 * _ACROSS))
 
