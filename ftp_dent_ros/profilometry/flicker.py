@@ -21,7 +21,8 @@ from ftp_dent_ros.photograph.photograph import FULL, Photograph
 LAST = 12
 #: Parts of the light: more than the first should not be, more than the second spoils clouds.
 SOME, MUCH = 0.01, 0.04
-# Pixels and coordinates of points that are looked at, about: the mean over the crests is right to two thousandths.
+# Pixels and coordinates of points that are looked at, about: the mean over the crests is right to
+# two thousandths.
 _SAMPLES = 20_000
 # Per cent of the pixels that the brightest crests are brighter than.
 _BRIGHTEST = 98

@@ -11,6 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
+from ftp_dent_ros.rig.rig import Rig
+
 # Bins a fringe along u: a fringe is sampled, not averaged away.
 _PER_FRINGE = 7.0
 # Fringes between nodes along u and v: windows half a fringe wide change little over it.
@@ -158,6 +162,21 @@ class BinGrid:
         """Bins that count in a window: those of one of even weights with the same variance."""
         along_u, along_v = self.fringe
         return 4 * np.pi * WIDTH**2 * along_u * along_v
+
+
+@dataclass(frozen=True, eq=False)
+class GridGeometry:
+    """A grid, and what the projector shows along the rays of its bins and nodes."""
+
+    grid: BinGrid
+    bins: PhaseGeometry
+    nodes: PhaseGeometry
+
+    @classmethod
+    def of(cls, rig: Rig, pattern: Pattern, grid: BinGrid) -> GridGeometry:
+        """Geometry of a rig and pattern."""
+        places = grid.bin_positions(), grid.node_positions()
+        return cls(grid, *(PhaseGeometry.of(rig, pattern, *each) for each in places))
 
 
 def deconvolved(means: NDArray[np.float32], along_u: int, along_v: int) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
 from ftp_dent_ros.profilometry.fringe_model.quadric import Quadric
-from ftp_dent_ros.profilometry.fringe_model.solver import RESOLVED
+from ftp_dent_ros.profilometry.fringe_model.solver import resolved
 from ftp_dent_ros.profilometry.phase_geometry import rays_at
 from ftp_dent_ros.rig.rig import Rig
 
@@ -74,7 +74,9 @@ class Pixels:
         self._grid, self._stride = grid, stride
         self._columns, self._rows = (np.arange(0, n, stride) for n in (grid.width, grid.height))
         self._rays = rays_at(rig.camera, self._columns, self._rows)
-        self._resolution = np.float32(RESOLVED * grid.period / rig.camera.camera_matrix[0, 0])
+        self._resolution = np.float32(
+            resolved(grid) * grid.period / rig.camera.camera_matrix[0, 0]
+        )
 
     def cloud(self, sheets: Sequence[Sheet]) -> Cloud:
         """Cloud of surfaces; the later ones lie over the others."""

@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     ROUNDING,
-    BinGrid,
+    GridGeometry,
     Nearest,
     deconvolved,
     dilated,
@@ -23,8 +22,6 @@ from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
 from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAST_NODES
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
-from ftp_dent_ros.rig.rig import Rig
 
 # Mean square of the residual about a node over its scale, from which on it makes the phase less
 # certain.
@@ -45,8 +42,7 @@ class Points:
 
     Parameters
     ----------
-    rig, pattern, grid, bins, nodes
-        As of the method; `bins` and `nodes` are the grid's rays.
+    geometry : GridGeometry
     fit : FringeFit
     usable : ndarray, shape (rows, columns)
         Share of the bins that is not clipped, 0 to 1.
@@ -56,18 +52,14 @@ class Points:
 
     def __init__(
         self,
-        rig: Rig,
-        pattern: Pattern,
-        grid: BinGrid,
-        bins: PhaseGeometry,
-        nodes: PhaseGeometry,
+        geometry: GridGeometry,
         fit: FringeFit,
         usable: NDArray[np.float32],
         light: NDArray[np.float32],
     ) -> None:
         self._light = light
-        self._rig, self._pattern, self._grid = rig, pattern, grid
-        self._bins, self._nodes, self._fit = bins, nodes, fit
+        grid, nodes = geometry.grid, geometry.nodes
+        self._grid, self._bins, self._nodes, self._fit = grid, geometry.bins, nodes, fit
         self._phase = grid.at_nodes(fit.phase)
         level, amplitude = (np.maximum(grid.at_nodes(x), 0.5) for x in (fit.level, fit.amplitude))
         self._amplitude = amplitude
@@ -92,7 +84,7 @@ class Points:
         self._unexplained = (2 * unusual + 4 * detail) / np.square(np.maximum(amplitude, 1))
         self._posterior = 2 * fit.scale / (np.square(amplitude) * np.float32(grid.bins_in_window))
         _, v_p = nodes.meet(self._phase)
-        amplitude = amplitude / pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
+        amplitude = amplitude / nodes.pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
         self.sheets: list[Sheet] = []
         self.measured = np.zeros(grid.node_shape, bool)
@@ -120,12 +112,15 @@ class Points:
         coarse = self._phase - smooth
         inside &= self._whole
         denoised = denoise(grid, coarse, changes, inside.astype(np.float32), self._posterior)
-        variance = np.maximum(denoised.variance, 0) + self._unexplained
+        variance, noise = (
+            np.maximum(each, 0) + self._unexplained for each in (denoised.variance, denoised.noise)
+        )
         certain = inside & ~rim & (variance < _DEVIATION**2)
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
-        at_nodes = smooth + Nearest(certain)(denoised.phase)
+        known = Nearest(certain)
+        at_nodes = smooth + known(denoised.phase)
         # What is finer than the nodes is as good as the finest octave.
         on_surface = Nearest(inside)
         finest = grid.at_bins(np.clip(on_surface(denoised.finest), 0, 1))
@@ -135,15 +130,16 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        whole = np.maximum(denoised.noise, 0) + self._unexplained
-        self._keep(inside, certain, quadric, phase, at_nodes, variance, whole)
+        slope = self._nodes.per_radian(at_nodes)
+        deviations = [slope * np.sqrt(known(each)) for each in (variance, noise)]
+        self._keep(inside, certain, quadric, phase, at_nodes, deviations)
 
-    def _keep(self, inside, certain, quadric, phase, at_nodes, variance, whole) -> None:
+    def _keep(self, inside, certain, quadric, phase, at_nodes, deviations) -> None:
         """Keep what is certain enough, and lit by the panel."""
-        grid = self._grid
+        grid, (deviation, noise) = self._grid, deviations
         sure, share, good = self._ends(inside, certain)
         inverse, _ = self._bins.meet(phase)
-        rim = within_panel(self._rig, self._pattern, at_nodes, self._nodes.meet(at_nodes)[1])
+        rim = self._nodes.within_panel(at_nodes)
         self.measured |= good & (rim > RIM)
         own = grid.repeated(certain & good) & np.isfinite(inverse)
         if not own.any():
@@ -155,8 +151,6 @@ class Points:
             deconvolved(nearest((each - smooth).astype(np.float32)), grid.step, grid.rows)
             for each in (inverse, self._bins.meet(self._fit.phase)[0])
         )
-        slope, known = self._nodes.per_radian(at_nodes), Nearest(certain)
-        deviation, noise = (slope * np.sqrt(known(each)) for each in (variance, whole))
         self.sheets.append(
             Sheet(
                 quadric,
@@ -168,7 +162,7 @@ class Points:
                 share,
                 sure,
                 good,
-                rim.astype(np.float32),
+                rim,
             )
         )
 
@@ -208,10 +202,3 @@ class Points:
 def _around(nodes: NDArray[np.float32]) -> NDArray[Any]:
     """Means over a node and those beside it."""
     return cv2.blur(nodes, (3, 3))
-
-
-def within_panel(rig: Rig, pattern: Pattern, phase, v_p) -> NDArray[np.floating]:
-    """Projector pixels from the panel's nearest rim, less than 0 beyond it."""
-    u_p, panel = pattern.column(phase), rig.projector
-    across = np.minimum(u_p, panel.width - 1 - u_p)
-    return np.minimum(across, np.minimum(v_p, panel.height - 1 - v_p)) + 0.5

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, stats
 
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, moved
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
@@ -17,8 +18,6 @@ from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 # Gauss-Newton rounds with the same windows, before bins choose theirs and after; and times that
 # the windows' own smoothing is taken off the shift in each.
 _ROUNDS, _SHARPENED = 2, 2
-#: Wavelength of which half the depth is there after them, fringes.
-RESOLVED = 1.45
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
 # Every how many bins show the waveform's unknowns.
@@ -240,6 +239,18 @@ class Solver:
         along_u, along_v = self.grid.fringe
         size = round(_SCALE * along_u / self.grid.node), round(_SCALE * along_v)
         return cv2.blur(self.grid.at_nodes(bins), size)
+
+
+def resolved(grid: BinGrid) -> float:
+    """Wavelength of which half the depth is there after all rounds, fringes."""
+
+    def missing(wavelength: float) -> float:
+        window = math.exp(-2 * (math.pi * WIDTH / wavelength) ** 2)
+        # Of nodes the means of their bins, and lines between them.
+        nodes = np.sinc(grid.node / grid.fringe[0] / wavelength) ** 3
+        return float((1 - nodes * (1 - (1 - window) ** (1 + _SHARPENED))) ** (2 * _ROUNDS))
+
+    return float(optimize.brentq(lambda length: missing(length) - 0.5, WIDTH, _SCALE))
 
 
 def _wave(fit, phase, plane):

@@ -12,10 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid, Nearest, moved
+from ftp_dent_ros.profilometry.fringe_model.bins import (
+    ROUNDING,
+    BinGrid,
+    GridGeometry,
+    Nearest,
+    moved,
+)
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
 #: Planes, in baselines: a carrier within a factor of 1.5 of the fringes' is near enough.
@@ -77,11 +82,12 @@ class Plane:
     whole: Windows
 
     @classmethod
-    def of(cls, grid: BinGrid, bins: PhaseGeometry, nodes: PhaseGeometry, depth: float) -> Plane:
+    def of(cls, geometry: GridGeometry, depth: float) -> Plane:
         """The plane at a depth, metres."""
+        grid = geometry.grid
         at_bins, at_nodes = (
-            geometry.phase(np.full(shape, 1 / depth, np.float32))
-            for geometry, shape in ((bins, grid.shape), (nodes, grid.node_shape))
+            rays.phase(np.full(shape, 1 / depth, np.float32))
+            for rays, shape in ((geometry.bins, grid.shape), (geometry.nodes, grid.node_shape))
         )
         usable = np.ones(grid.shape, np.float32)
         return cls(at_bins, at_nodes, Windows(grid, np.cos(at_bins), -np.sin(at_bins), usable))

@@ -18,6 +18,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     ROUNDING,
     WIDTH,
     BinGrid,
+    GridGeometry,
     Nearest,
     wider_than_windows,
 )
@@ -25,7 +26,6 @@ from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.start import Start
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import wrap
 
 # Fringes from an edge within which a window sees both sides: two of its standard deviations.
@@ -54,8 +54,7 @@ class Surfaces:
     @classmethod
     def of(
         cls,
-        grid: BinGrid,
-        geometry: tuple[PhaseGeometry, PhaseGeometry],
+        geometry: GridGeometry,
         start: Start,
         orders: Sequence[int],
         numbered: NDArray[np.int32],
@@ -66,14 +65,13 @@ class Surfaces:
 
         Parameters
         ----------
-        geometry : tuple of PhaseGeometry
-            Of bins and nodes.
+        geometry : GridGeometry
         orders : sequence of int
             Whole fringes to add to each surface's phase.
         numbered : ndarray, shape (rows, nodes), int32
             Index of the order, -1 for none.
         """
-        bins, nodes = geometry
+        grid, bins, nodes = geometry.grid, geometry.bins, geometry.nodes
         known = numbered >= 0
         nearest = Nearest(known)
         label = nearest(numbered)
