@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern.pattern import Pattern
 
-#: Share of the light that glints and reflections show more than a fringe beyond the frame.
-BEYOND = 0.005
+# Share of the light that glints and reflections show more than a fringe beyond the frame.
+_BEYOND = 0.005
 # Share of the rows that end at a rim: it is their end, and no spot's.
 _ROWS = 0.25
 #: What to do about another pattern.
@@ -49,7 +49,7 @@ def check_frame(pattern: Pattern, phase: NDArray[np.floating], lit: NDArray[np.b
     rims = pattern.phase([-0.5, pattern.width - 0.5])
     outwards = np.maximum(rims[0] - phase[lit], phase[lit] - rims[1])
     beyond = np.mean(outwards > 2 * np.pi) if lit.any() else 0.0
-    if beyond > BEYOND:
+    if beyond > _BEYOND:
         raise OtherPatternError(
             f'with {described(pattern)}, {beyond:.1%} of the light would be more than a fringe '
             f"beyond the projector's frame: {ADVICE}"

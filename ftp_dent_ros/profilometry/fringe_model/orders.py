@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from ftp_dent_ros.errors import NoStripeError, OtherPatternError, RefusedFrameError
 from ftp_dent_ros.pattern.pattern import Pattern
-from ftp_dent_ros.profilometry.checks.frame import ADVICE, BEYOND, described
+from ftp_dent_ros.profilometry.checks.frame import ADVICE, described
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit
@@ -48,6 +48,8 @@ WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
 # window on each side of it.
 _EDGE = round(1 + 4 * WIDTH)
+# Share of the nodes lit under any order that must be lit: all of them are if the pattern is right.
+_ON_PANEL = 0.9
 
 _UNNUMBERED = {
     'stripe': (
@@ -249,12 +251,11 @@ class OrderLikelihood:
         return float(of_parts * sums[0] ** 2 / max(sums[1] * sums[2], 1e-12))
 
     def _lit_orders(self, low, place):
-        """Orders under which no more than glints are beyond the panel, if any has all on it."""
+        """Orders under which the panel lights the surface."""
         orders = np.arange(self._first - low - self._count, self._first - low + self._count)
         shifted = place[None, :: max(1, len(place) // 500)] + math.tau * orders[:, None]
-        beyond = np.maximum(self._ends[0] - shifted, shifted - self._ends[1])
-        lit = (beyond < math.tau).mean(axis=1)
-        return orders[lit >= lit.max() - BEYOND]
+        lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
+        return orders[lit > _ON_PANEL * lit.max()]
 
     def _expected(self, first):
         """Steps of the code from fringes of some orders on, shape (orders, cells)."""

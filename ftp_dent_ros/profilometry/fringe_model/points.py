@@ -26,6 +26,8 @@ from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAST_NODES
 # Mean square of the residual about a node over its scale, from which on it makes the phase less
 # certain.
 _UNUSUAL = 3.0
+# Share of the bins about that must not be clipped: crests may be.
+_SEEN = 0.4
 # Standard deviations of what noise alone leaves so unevenly, and that an amplitude shows fringes
 # by.
 _CHANCE = 2.0
@@ -65,13 +67,12 @@ class Points:
         self._amplitude = amplitude
         share = grid.at_nodes(usable)
         self._usable = share > 0
-        usable_about = _around(share)
-        self._seen = usable_about > 1 - usable_about  # crests may be clipped
+        self._seen = _around(share)
         square = usable * fit.residual * fit.residual
-        rest = _around(grid.at_nodes(square)) / np.maximum(usable_about, np.float32(1e-3))
+        rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
         scale = np.maximum(fit.scale, np.float32(ROUNDING))
         visible = grid.at_nodes(fit.amplitude) > _CHANCE * np.sqrt(scale)
-        self._good = visible & self._seen
+        self._good = visible & (self._seen > _SEEN)
         beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
         self._whole = amplitude > _FAINTER * beside
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
@@ -180,7 +181,7 @@ class Points:
         at_end = dilated(~near, *(2 * n + 1 for n in reach)) & ~others
         share = self._share(near, inner)
         sure = inner | (certain & ~at_end)
-        lit = near & at_end & (share > SHARE) & self._seen
+        lit = near & at_end & (share > SHARE) & (self._seen > _SEEN)
         return sure, share, sure | lit
 
     def _share(self, near, inner: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -127,7 +127,9 @@ class Solver:
             for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
                 each += more
             fit = replace(fit, phase=shift, level=level, amplitude=amplitude)
-        return fit, change.rest + np.float32(ROUNDING)
+        rest = change.rest + np.float32(ROUNDING)
+        # Windows without most of their light are none to go on from.
+        return fit, np.where(2 * windows.weight > 1, rest, np.float32(np.inf))
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift without the windows' own smoothing of them."""

@@ -33,6 +33,8 @@ DEVIATION = math.pi / 6
 _CLEARER, _LEAP = 4.3, 0.22
 #: Nodes that a surface has at least: two rows of windows over some fringes.
 LEAST_NODES = 30
+# Share of the fit that another plane must explain more, so that it is not chosen by noise.
+_BETTER = 0.02
 #: Least amplitude, levels: beyond the rounding of levels.
 FAINTEST = 1.0
 
@@ -120,6 +122,7 @@ def fit_planes(
         share = 1 - fits[-1].rest / np.maximum(fits[-1].total, np.float32(1e-6))
         explained.append(cv2.blur(share, (5, 9)))
     best = int(np.argmax([each[each > 0.5].sum() for each in explained]))
+    explained[best] += _BETTER
     most = np.maximum.reduce(explained)
     chosen = [each == most for each in explained]
 

@@ -25,11 +25,13 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
-from ftp_dent_ros.profilometry.fringe_model.start import Start
+from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, Start
 from ftp_dent_ros.profilometry.unwrapping import wrap
 
 # Fringes from an edge within which a window sees both sides: two of its standard deviations.
 _ACROSS = 2 * WIDTH
+# What the start, smooth over a window, may differ by from the first fit, radians: two deviations.
+_OFF = 2 * DEVIATION
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,8 @@ class Surfaces:
             here = grid.repeated(here)
             reference[here] = bins.phase(quadric.at(*grid.bin_places))[here]
         share = np.maximum(grid.smooth_nodes(known.astype(np.float32), WIDTH), 1e-3)
-        away = grid.smooth_nodes(away * known, WIDTH) / share
+        smooth = grid.smooth_nodes(away * known, WIDTH) / share
+        away = np.where(np.abs(smooth - away) < _OFF, smooth, away)
         # A surface without a number is whole fringes off its neighbour's, or none.
         beside = nearest(away)
         away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
