@@ -15,8 +15,8 @@ from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
-# Gauss-Newton rounds with the same windows, before bins choose theirs and after; and times that
-# the windows' own smoothing is taken off the shift in each.
+# Gauss-Newton rounds before bins choose their windows and as many after; and times that the
+# windows' own smoothing is taken off the shift in each.
 _ROUNDS, _SHARPENED = 2, 2
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
@@ -104,16 +104,15 @@ class Solver:
         return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
     def _rounds(self, light, usable, fit, reweighted: bool):
-        """The fit after some rounds with the same windows, and what these leave of their light."""
+        """The fit after some rounds, and what the last windows leave of their light."""
         grid, weight = self.grid, usable
         for number in range(_ROUNDS):
             wave, slope = _wave(fit, fit.phase, self._plane)
             residual = light - fit.level - fit.amplitude * wave  # eq. 1
             slope *= fit.amplitude
-            if not number:
-                if reweighted:
-                    weight = self._weight(usable, residual)
-                windows = Windows(grid, wave, slope, weight)
+            if reweighted:
+                weight = self._weight(usable, residual)
+            windows = Windows(grid, wave, slope, weight)
             change = windows.fit(residual)  # eq. 3
             sharp = self._sharpened(windows, change, weight)
             # At first the fit is too far off to show the blur.

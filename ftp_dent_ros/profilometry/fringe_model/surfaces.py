@@ -20,6 +20,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     BinGrid,
     GridGeometry,
     Nearest,
+    dilated,
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.light import Light
@@ -120,7 +121,9 @@ class Surfaces:
 
     def solvable(self, grid: BinGrid, lit: NDArray[np.bool_], start: Start) -> NDArray[np.bool_]:
         """Bins between the ends, with whole windows on a surface, or near another one."""
-        whole = ~grid.within(~self.known, _ACROSS)
+        along_u, along_v = grid.fringe
+        reach = (round(_ACROSS * n) for n in (along_v, along_u / grid.node))
+        whole = ~dilated(~self.known, *reach)
         other = wider_than_windows((start.surface >= 0) & ~self.known)
         return lit | grid.repeated(whole | grid.within(other, 2 * _ACROSS))
 
