@@ -18,7 +18,7 @@ from ftp_dent_ros.rig.rig import Rig
 # Bins a fringe along u: a fringe is sampled, not averaged away.
 _PER_FRINGE = 7.0
 # Fringes between nodes along u and v: windows half a fringe wide change little over it.
-_PITCH = 0.41
+_PITCH = 0.405
 # Pixel rows of a bin: fewer cost time, more than these are seen as steps.
 _ROWS = 4, 16
 
