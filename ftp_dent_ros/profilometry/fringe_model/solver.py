@@ -94,41 +94,41 @@ class Solver:
         # Before the phase follows the response, as ripples that the windows do not see again.
         residual = light - level - amplitude * wave
         fit, _ = self._learned(fit, residual, wave, slope, self._weight(usable, residual), None)
-        fit, rest = self._rounds(light, usable, fit, reweighted=False)
-        # Detail that the rounds have resolved is no edge.
+        for number in range(_ROUNDS):
+            fit, rest = self._round(light, usable, fit, number)
+        # Detail that these have resolved is no edge.
         fit = self._clearest(light, usable, fit, rest, reference)
-        fit, _ = self._rounds(light, usable, fit, reweighted=True)
+        for number in range(_ROUNDS, 2 * _ROUNDS):
+            fit, _ = self._round(light, usable, fit, number)
         wave, slope = _wave(fit, fit.phase, self._plane)
         residual = light - fit.level - fit.amplitude * wave
         scale = self._scale(usable, residual)
         return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
-    def _rounds(self, light, usable, fit, reweighted: bool):
-        """The fit after some rounds, and what the last windows leave of their light."""
+    def _round(self, light, usable, fit, number: int):
+        """The fit after a round, and what its windows leave of their light."""
         grid, weight = self.grid, usable
-        for number in range(_ROUNDS):
-            wave, slope = _wave(fit, fit.phase, self._plane)
-            residual = light - fit.level - fit.amplitude * wave  # eq. 1
-            slope *= fit.amplitude
-            if reweighted:
-                weight = self._weight(usable, residual)
-            windows = Windows(grid, wave, slope, weight)
-            change = windows.fit(residual)  # eq. 3
-            sharp = self._sharpened(windows, change, weight)
-            # At first the fit is too far off to show the blur.
-            seen = fit.waveform.has_code and (number or reweighted)
-            blurred = windows if seen else None
-            fit, followed = self._learned(fit, residual, wave, slope, weight, blurred)
-            level, amplitude, shift = (
-                grid.at_bins(each - more) for each, more in zip(sharp, followed, strict=True)
-            )
-            np.clip(shift, -1, 1, out=shift)
-            for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
-                each += more
-            fit = replace(fit, phase=shift, level=level, amplitude=amplitude)
-        rest = change.rest + np.float32(ROUNDING)
+        wave, slope = _wave(fit, fit.phase, self._plane)
+        residual = light - fit.level - fit.amplitude * wave  # eq. 1
+        if number >= _ROUNDS:
+            weight = self._weight(usable, residual)
+        slope *= fit.amplitude
+        windows = Windows(grid, wave, slope, weight)
+        change = windows.fit(residual)  # eq. 3
+        sharp = self._sharpened(windows, change, weight)
+        # A start is too far off to show the blur.
+        blurred = windows if number and fit.waveform.has_code else None
+        fit, followed = self._learned(fit, residual, wave, slope, weight, blurred)
+        level, amplitude, shift = (
+            grid.at_bins(each - more) for each, more in zip(sharp, followed, strict=True)
+        )
+        np.clip(shift, -1, 1, out=shift)
+        for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
+            each += more
         # Windows without most of their light are none to go on from.
-        return fit, np.where(2 * windows.weight > 1, rest, np.float32(np.inf))
+        rest = change.rest + np.float32(ROUNDING)
+        rest[2 * windows.weight <= 1] = np.inf
+        return replace(fit, phase=shift, level=level, amplitude=amplitude), rest
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift without the windows' own smoothing of them."""
