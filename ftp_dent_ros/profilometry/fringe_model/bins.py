@@ -17,8 +17,9 @@ from ftp_dent_ros.rig.rig import Rig
 
 # Bins a fringe along u: a fringe is sampled, not averaged away.
 _PER_FRINGE = 7.0
-# Fringes between nodes along u and v: windows half a fringe wide change little over it.
-_PITCH = 0.405
+# Fringes between nodes along v, and along u in whole bins at least: windows half a fringe wide change
+# little over it.
+_PITCH = 0.4
 # Pixel rows of a bin: fewer cost time, more than these are seen as steps.
 _ROWS = 4, 16
 
@@ -56,8 +57,9 @@ class BinGrid:
     def of(cls, width: int, height: int, period: float) -> BinGrid:
         """Grid for fringes of `period` pixels."""
         step = max(1, round(period / _PER_FRINGE))
-        rows = int(np.clip(round(_PITCH * period), *_ROWS))
-        return cls(width, height, period, step, rows, max(2, round(_PITCH * period / step)))
+        high = round(_PITCH * period)
+        rows, node = int(np.clip(high, *_ROWS)), max(2, math.ceil(high / step))
+        return cls(width, height, period, step, rows, node)
 
     @property
     def node_shape(self) -> tuple[int, int]:
