@@ -17,8 +17,8 @@ from ftp_dent_ros.rig.rig import Rig
 
 # Bins a fringe along u: a fringe is sampled, not averaged away.
 _PER_FRINGE = 7.0
-# Fringes between nodes along v, and along u in whole bins at least: windows half a fringe wide change
-# little over it.
+# Fringes between nodes along v, and along u at least: windows half a fringe wide change little
+# over it.
 _PITCH = 0.4
 # Pixel rows of a bin: fewer cost time, more than these are seen as steps.
 _ROWS = 4, 16
