@@ -7,6 +7,7 @@ another part.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,12 +21,11 @@ from ftp_dent_ros.photograph.photograph import FULL, Photograph
 LAST = 12
 #: Parts of the light: more than the first should not be, more than the second spoils clouds.
 SOME, MUCH = 0.01, 0.04
-# Pixels that are looked at: the mean over the crests is right to two thousandths.
+# Pixels and coordinates of points that are looked at, about: the mean over the crests is right to
+# two thousandths.
 _SAMPLES = 20_000
-# Points that are looked at, along rows and columns: the fall of the light is smooth.
-_EVERY = 8
-# Fringes' crests: levels above this part of the brightest.
-_CREST, _BRIGHTEST = 0.5, 98
+# Per cent of the pixels that the brightest crests are brighter than.
+_BRIGHTEST = 98
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def light_of(photograph: Photograph) -> NDArray[np.float64]:
         some = _some(pixels)
     colours = some.reshape(len(some), -1).T
     level = np.maximum.reduce(list(colours))
-    crest = level > _CREST * np.percentile(level, _BRIGHTEST)
+    crest = level > np.percentile(level, _BRIGHTEST) / 2
     crest &= level < FULL * photograph.white
     if not crest.any():
         return np.full(3, np.nan)
@@ -94,7 +94,8 @@ def fall_of_light(points: NDArray[np.floating], source: NDArray[np.float64]) -> 
     float
         1/m²; NaN without points side by side.
     """
-    some = points[::_EVERY, ::_EVERY].astype(float)
+    every = max(1, math.isqrt(points.size // _SAMPLES))  # the fall of the light is smooth
+    some = points[::every, ::every].astype(float)
     right, down = np.diff(some, axis=1)[:-1], np.diff(some, axis=0)[:, :-1]
     normal, ray = np.cross(right, down), some[:-1, :-1] - source
     share = np.abs((normal * ray).sum(axis=-1)) / np.linalg.norm(normal, axis=-1)

@@ -14,8 +14,6 @@ from ftp_dent_ros.rig.rig import Lens, Rig
 
 # Between rays that are undistorted one by one, pixels.
 _SPACING = 16
-# Radians over which the depth's change with the phase is taken.
-_STEP = 0.05
 
 
 def rays_at(lens: Lens, columns: NDArray, rows: NDArray) -> NDArray[np.float32]:
@@ -102,18 +100,16 @@ class PhaseGeometry:
         depth, v_p = meet(self.rig, self.along, columns)
         return np.float32(1) / depth, v_p
 
-    def deviation(
-        self, phase: NDArray[np.float32], variance: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """Standard deviation of points along their rays, metres; zero where there are none.
-
-        Parameters
-        ----------
-        phase, variance : ndarray, shape (rows, columns), float32
-            Absolute phase, radians, and its variance.
-        """
-        (near, _), (there, _) = self.meet(phase), self.meet(phase + np.float32(_STEP))
+    def per_radian(self, phase: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What points move along their rays with the phase, metres; zero where there are none."""
+        (near, _), (far, _) = (self.meet(phase + np.float32(half)) for half in (-0.5, 0.5))
         length = np.sqrt(1 + np.square(self.rays).sum(axis=-1))
-        slope = np.nan_to_num(np.abs(1 / there - 1 / near) * length / np.float32(_STEP))
-        deviation: NDArray[np.float32] = slope * np.sqrt(variance)
-        return deviation
+        moved: NDArray[np.float32] = np.abs(1 / far - 1 / near) * length
+        return np.nan_to_num(moved)
+
+    def within_panel(self, phase: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Projector pixels from the panel's nearest rim at a phase, less than 0 beyond it."""
+        (_, v_p), panel = self.meet(phase), self.rig.projector
+        u_p = self.pattern.column(phase).astype(np.float32)
+        across = np.minimum(u_p, panel.width - 1 - u_p)
+        return np.minimum(across, np.minimum(v_p, panel.height - 1 - v_p)) + np.float32(0.5)

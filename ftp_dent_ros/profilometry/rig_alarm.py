@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.profilometry.checks.epipolar import EpipolarCheck
 
-#: Clouds that are looked back on, and the fewest.
-LAST, FEWEST = 5, 3
+#: Clouds that are looked back on; most of them must be seen.
+LAST = 5
 #: What stays between light and epipolar lines, projector pixels, in the middle and at the places
 #: that turn and stretch are seen by: of a good calibration 0.025, of rows through windows 0.015.
 TOLERANCE = 0.04
@@ -62,7 +62,7 @@ def rig_alarm(checks: Sequence[EpipolarCheck]) -> str:
         Of successive clouds; only the `LAST` ones are looked at.
     """
     last = [check for check in list(checks)[-LAST:] if check.seen]
-    if len(last) < FEWEST or not off(last):
+    if 2 * len(last) < LAST or not off(last):
         return ''
     return (
         f'the rig does not hold: {last[-1].sentence}: check the pattern, and what '

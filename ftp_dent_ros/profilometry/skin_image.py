@@ -28,8 +28,8 @@ from ftp_dent_ros.rig.rig import Rig
 # at which this counts half: noise and what is left of the fringes are about 3 % of the light,
 # marks 10 %.
 _OWN, _HALF = 0.5, 0.1
-# To divide by where there is no light.
-_LEAST = 1e-6
+# To divide by where there is no light: of single precision.
+_LEAST = np.finfo(np.float32).eps
 
 
 @dataclass(frozen=True, eq=False)

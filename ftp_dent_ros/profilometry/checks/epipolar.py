@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 from ftp_dent_ros.errors import OtherPatternError
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.checks.frame import ADVICE
-from ftp_dent_ros.profilometry.checks.rows import COLUMNS, PERIODS, Blocks, Rows, blocks_of
+from ftp_dent_ros.profilometry.checks.rows import PERIODS, Blocks, Rows, blocks_of
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.robust import FITS, redescending
@@ -162,7 +162,7 @@ def check_epipolar(rig: Rig, pattern: Pattern, rows: Rows, window: float) -> Epi
     middle = [float(np.average(each, weights=blocks.weight)) for each in (blocks.u, blocks.v)]
     terms = np.stack([np.ones_like(blocks.u), blocks.u - middle[0], blocks.v - middle[1]], axis=1)
     reach, height = np.sqrt(np.average(np.square(terms[:, 1:]), axis=0, weights=blocks.weight))
-    if min(reach / COLUMNS, height / (PERIODS * pattern.row_period_px)) < 0.5:
+    if 2 * min(reach, height) < PERIODS * pattern.row_period_px:
         return None
     found = _nearest(terms, blocks, turn)
     weight = blocks.weight

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.robust import median
 
-#: Size of a block: periods along v, and projector pixels along u.
-PERIODS, COLUMNS = 2, 128.0
-# Share of a whole block from which on it tells eight unknowns.
-_WHOLE = 0.7
+#: Periods of the rows that a block is long along u and v.
+PERIODS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +73,12 @@ class Blocks:
 def blocks_of(pattern: Pattern, rows: Rows) -> Blocks:
     """Waves of the rows in all blocks of the image that are seen well enough."""
     seen = rows.seen & np.isfinite(rows.v_p) & (rows.contrast > 0)
-    size = (
-        _nodes(PERIODS * pattern.row_period_px, rows.v_p, seen),
-        _nodes(COLUMNS, rows.u_p.T, seen.T),
-    )
+    length = PERIODS * pattern.row_period_px
+    size = _nodes(length, rows.v_p, seen), _nodes(length, rows.u_p.T, seen.T)
     level = np.log(np.where(seen, rows.contrast, 1))
     fields = rows.u_p, rows.v_p, rows.rays[..., 0], rows.rays[..., 1], level
     weight = _tiles(seen.astype(np.float32), size)
-    held = weight.sum(axis=1) >= _WHOLE * math.prod(size)
+    held = 2 * weight.sum(axis=1) > math.prod(size)  # most of a block tells its eight unknowns
     weight = weight[held]
     tiles = [_tiles(np.where(seen, each, 0), size)[held] for each in fields]
     wave, left = _waves(pattern, size, tiles[1], tiles[-1], weight)
@@ -105,10 +101,10 @@ def _waves(
     left : ndarray, shape (n,)
         Mean square of what it leaves.
     """
-    wave = np.exp(np.complex64(2j * math.pi / pattern.row_period_px) * v)
+    turn = 2 * math.pi / pattern.row_period_px * v
     y, x = (each.ravel() for each in np.mgrid[-1 : 1 : size[0] * 1j, -1 : 1 : size[1] * 1j])
     quadric = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    both = np.stack([wave.real, -wave.imag], axis=-1)
+    both = np.stack([np.cos(turn), -np.sin(turn)], axis=-1)
     terms = np.concatenate([np.broadcast_to(quadric, (*v.shape, 6)), both], axis=-1)
     weighted = (terms * weight[..., None]).transpose(0, 2, 1)
     found = np.linalg.solve(weighted @ terms, weighted @ level[..., None])

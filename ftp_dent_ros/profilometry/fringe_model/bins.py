@@ -11,12 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# Bins a fringe along u, and fringes that a bin is high: a fringe is sampled, not averaged away.
-_PER_FRINGE, _HIGH = 7.0, 0.4
-# Fringes between nodes: windows half a fringe wide change little over it.
-_PITCH = 0.43
-# A Gaussian is computed on a grid so coarse that it is still this wide.
-_FINE = 2.5
+from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
+from ftp_dent_ros.rig.rig import Rig
+
+# Bins a fringe along u: a fringe is sampled, not averaged away.
+_PER_FRINGE = 7.0
+# Fringes between nodes along v, and along u at least: windows half a fringe wide change little
+# over it.
+_PITCH = 0.4
 # Pixel rows of a bin: fewer cost time, more than these are seen as steps.
 _ROWS = 4, 16
 
@@ -54,8 +57,9 @@ class BinGrid:
     def of(cls, width: int, height: int, period: float) -> BinGrid:
         """Grid for fringes of `period` pixels."""
         step = max(1, round(period / _PER_FRINGE))
-        rows = int(np.clip(round(_HIGH * period), *_ROWS))
-        return cls(width, height, period, step, rows, max(2, round(_PITCH * period / step)))
+        high = round(_PITCH * period)
+        rows, node = int(np.clip(high, *_ROWS)), max(2, math.ceil(high / step))
+        return cls(width, height, period, step, rows, node)
 
     @property
     def node_shape(self) -> tuple[int, int]:
@@ -132,11 +136,11 @@ class BinGrid:
         """Gaussian of so many fringes over values at the nodes."""
         sigmas = fringes * self.fringe[0] / self.node, fringes * self.fringe[1]
         size = nodes.shape[::-1]
-        # Wide windows see no more on a coarser grid.
-        coarse = [max(1, int(sigma / _FINE)) for sigma in sigmas]
-        if coarse == [1, 1]:
+        # Wide Gaussians see no more on a coarser grid: there twice as wide as the windows.
+        coarse = int(fringes / (2 * WIDTH))
+        if coarse <= 1:
             return _gaussian(nodes, *sigmas)
-        small = tuple(-(-n // each) for n, each in zip(size, coarse, strict=True))
+        small = tuple(-(-n // coarse) for n in size)
         few: Any = cv2.resize(nodes, small, interpolation=cv2.INTER_AREA)
         sigma_u, sigma_v = (s * m / n for s, m, n in zip(sigmas, small, size, strict=True))
         smooth: Any = cv2.resize(
@@ -162,6 +166,21 @@ class BinGrid:
         return 4 * np.pi * WIDTH**2 * along_u * along_v
 
 
+@dataclass(frozen=True, eq=False)
+class GridGeometry:
+    """A grid, and what the projector shows along the rays of its bins and nodes."""
+
+    grid: BinGrid
+    bins: PhaseGeometry
+    nodes: PhaseGeometry
+
+    @classmethod
+    def of(cls, rig: Rig, pattern: Pattern, grid: BinGrid) -> GridGeometry:
+        """Geometry of a rig and pattern."""
+        places = grid.bin_positions(), grid.node_positions()
+        return cls(grid, *(PhaseGeometry.of(rig, pattern, *each) for each in places))
+
+
 def deconvolved(means: NDArray[np.float32], along_u: int, along_v: int) -> NDArray[np.float32]:
     """Means of so many samples, such that linear interpolation leaves bends as they are.
 
@@ -184,20 +203,29 @@ class Nearest:
     """
 
     def __init__(self, known: NDArray[np.bool_]) -> None:
-        self._index: NDArray[np.intp] | None = None
-        if known.all() or not known.any():
-            return
-        away: Any = (~known).view(np.uint8)
-        _, label = cv2.distanceTransformWithLabels(
-            away, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        place = np.zeros(label.max() + 1, np.intp)
-        place[label[known]] = np.flatnonzero(known)
-        self._index = place[label]
+        self._unknown = np.flatnonzero(~known) if known.any() else np.zeros(0, np.intp)
+        self._source = self._unknown
+        if len(self._unknown):
+            away: Any = (~known).view(np.uint8)
+            _, label = cv2.distanceTransformWithLabels(
+                away, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+            )
+            # Labels number what is known, row by row, from 1 on.
+            self._source = np.flatnonzero(known)[label.ravel()[self._unknown] - 1]
 
     def __call__(self, values: NDArray[Any]) -> NDArray[Any]:
         """The values with the nearest known one where none is known."""
-        return values if self._index is None else values.ravel()[self._index]
+        filled = values.copy()
+        np.put(filled, self._unknown, values.ravel()[self._source])
+        return filled
+
+
+def moved(values: NDArray[Any], columns: int, rows: int) -> Any:
+    """The value so far to the right and below, at the border the border's."""
+    down, right = abs(rows), abs(columns)
+    wide = cv2.copyMakeBorder(values, down, down, right, right, cv2.BORDER_REPLICATE)
+    height, width = values.shape
+    return wide[down + rows : down + rows + height, right + columns : right + columns + width]
 
 
 def dilated(nodes: NDArray[np.bool_], rows: int, columns: int) -> NDArray[np.bool_]:

@@ -29,8 +29,8 @@ _SHOWN = np.float32(stats.chi2.isf(1e-3, _COUNT) / _COUNT)
 _STRAYS = np.float32(1 + 2 * math.sqrt(2 / _COUNT))
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
-# Widths of windows over which energy and noise are means: 1 and 9 windows count.
-_OF_ENERGY, _OF_NOISE = 1.0, 3.0
+# Widths of windows over which noise is a mean: 9 windows count. Energy is the mean over one.
+_OF_NOISE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def denoise(
             noise = np.minimum(noise, white.energy[octave] / white.energy[octave - 1] * before)
         part = white.share[octave] * noise
         whole = whole + part
-        energy = mean.of(detail * detail, _OF_ENERGY * width)
+        energy = mean.of(detail * detail, width)
         change = np.minimum(contrast, amplitude)
         signal = np.where(energy > _STRAYS * noise, energy - noise, 0)
         taken = change / np.maximum(energy, np.float32(1e-12))

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 
 #: Fringes from a window to those at its sides: an edge there is three deviations off.
-ASIDE = 1.5
-# Smallest determinant of a window's normal equations: the fringes' power squared, a millionth.
-_SINGULAR = 1e-6
+ASIDE = 3 * WIDTH
+# Of single precision, which sums of light have: less is nothing to divide by.
+_EPSILON = np.finfo(np.float32).eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +26,14 @@ class LocalFit:
     Attributes
     ----------
     level, amplitude, slope : ndarray, shape (rows, nodes), float32
-    rest, total : ndarray
-        Weighted mean square of what the fit leaves, and of the light about its mean.
+    squares : callable
+        Computes `rest` and `total`, which not all need.
     """
 
     level: NDArray[np.float32]
     amplitude: NDArray[np.float32]
     slope: NDArray[np.float32]
-    rest: NDArray[np.float32]
-    total: NDArray[np.float32]
+    squares: Callable[[], tuple[NDArray[np.float32], NDArray[np.float32]]]
 
     @classmethod
     def of_mixture(cls, fits: Sequence[LocalFit], shares: Sequence[float]) -> LocalFit:
@@ -47,11 +47,29 @@ class LocalFit:
         level, amplitude, slope = (
             mixed([getattr(fit, name) for fit in fits]) for name in ('level', 'amplitude', 'slope')
         )
-        rest, total = (
-            np.square(mixed([np.sqrt(getattr(fit, name)) for fit in fits]))
-            for name in ('rest', 'total')
-        )
-        return cls(level, amplitude, slope, rest, total)
+
+        def squares():
+            rest, total = (
+                np.square(mixed([np.sqrt(getattr(fit, name)) for fit in fits]))
+                for name in ('rest', 'total')
+            )
+            return rest, total
+
+        return cls(level, amplitude, slope, squares)
+
+    @cached_property
+    def _squares(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        return self.squares()
+
+    @property
+    def rest(self) -> NDArray[np.float32]:
+        """Weighted mean square of what the fit leaves."""
+        return self._squares[0]
+
+    @property
+    def total(self) -> NDArray[np.float32]:
+        """Weighted mean square of the light about its mean."""
+        return self._squares[1]
 
     @property
     def swing(self) -> NDArray[np.float32]:
@@ -91,26 +109,29 @@ class Windows:
                 *(by_waveform * waveform, by_waveform * derivative, by_slope * derivative),
             )
         )
-        self._mean = 1 / np.maximum(self.weight, np.float32(1e-6))
+        self._mean = 1 / np.maximum(self.weight, _EPSILON)
         ff -= self._f * self._f * self._mean
         fd -= self._f * self._d * self._mean
         dd -= self._d * self._d * self._mean
-        scale = 1 / np.maximum(ff * dd - fd * fd, np.float32(_SINGULAR))
+        scale = 1 / np.maximum(ff * dd - fd * fd, _EPSILON)
         self._inverse = dd * scale, fd * scale, ff * scale
 
     def fit(self, light: NDArray[Any]) -> LocalFit:
         """Fit bins of light, shape (rows, columns)."""
         weight, by_waveform, by_slope = self._bins
-        weighted = weight * light
-        i, fi, di, ii = (
+        i, fi, di = (
             self._grid.window_sums(each)
-            for each in (weighted, by_waveform * light, by_slope * light, weighted * light)
+            for each in (weight * light, by_waveform * light, by_slope * light)
         )
         fi -= self._f * i * self._mean
         di -= self._d * i * self._mean
-        ii -= i * i * self._mean
         dd, fd, ff = self._inverse
         amplitude, slope = fi * dd - di * fd, di * ff - fi * fd
-        rest = np.maximum(ii - amplitude * fi - slope * di, 0) * self._mean
         level = (i - amplitude * self._f - slope * self._d) * self._mean
-        return LocalFit(level, amplitude, slope, rest, np.maximum(ii, 0) * self._mean)
+
+        def squares():
+            ii = self._grid.window_sums(weight * light * light) - i * i * self._mean
+            rest = np.maximum(ii - amplitude * fi - slope * di, 0) * self._mean
+            return rest, np.maximum(ii, 0) * self._mean
+
+        return LocalFit(level, amplitude, slope, squares)

@@ -17,12 +17,12 @@ from ftp_dent_ros.profilometry.checks.epipolar import EpipolarCheck, check_epipo
 from ftp_dent_ros.profilometry.checks.frame import check_frame
 from ftp_dent_ros.profilometry.checks.rows import Rows
 from ftp_dent_ros.profilometry.fourier_transform.carrier import ReferencePlane, carrier_on
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, GridGeometry, Nearest
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
-from ftp_dent_ros.profilometry.fringe_model.orders import OrderLikelihood
+from ftp_dent_ros.profilometry.fringe_model.orders import WORD, OrderLikelihood
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, Pixels, Sheet
-from ftp_dent_ros.profilometry.fringe_model.points import Points, within_panel
+from ftp_dent_ros.profilometry.fringe_model.points import Points
 from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit, Solver
 from ftp_dent_ros.profilometry.fringe_model.start import (
@@ -35,15 +35,7 @@ from ftp_dent_ros.profilometry.fringe_model.start import (
 from ftp_dent_ros.profilometry.fringe_model.surfaces import Surfaces
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.measurement import Measurement
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
-
-# Half width of what the blurred stripe takes of green and blue: a fringe.
-_STRIPE = math.tau
-# Fringes that the strip is high which shows the code's blur first.
-_STRIP = 10.0
-# Share of a node's bins that is clipped where no phase is left, and of what is lit, at most.
-_CLIPPED = 0.5
 
 
 class FringeModel:
@@ -62,12 +54,8 @@ class FringeModel:
         baseline = float(np.linalg.norm(rig.translation))
         period = carrier_on(rig, pattern, ReferencePlane(4 * baseline)).period
         self.grid = BinGrid.of(rig.camera.width, rig.camera.height, period)
-        self._bins = PhaseGeometry.of(rig, pattern, *self.grid.bin_positions())
-        self._nodes = PhaseGeometry.of(rig, pattern, *self.grid.node_positions())
-        self._planes = [
-            Plane.of(self.grid, self._bins, self._nodes, distance * baseline)
-            for distance in PLANES
-        ]
+        self._geometry = GridGeometry.of(rig, pattern, self.grid)
+        self._planes = [Plane.of(self._geometry, distance * baseline) for distance in PLANES]
         self._waveform = Waveform.of(pattern)
         # Two contrasts in a window: each is half the step off, and a cosine's square is a half.
         self._steps = (1 - pattern.faintest_contrast) ** 2 / 8
@@ -92,11 +80,12 @@ class FringeModel:
         stripe = self.pattern.code == 'stripe'
         light = Light.of(photograph, grid, stripe)
         start = fit_planes(grid, light, self._planes, self._steps)
-        clipped = grid.at_nodes(light.usable) < _CLIPPED
+        usable = grid.at_nodes(light.usable)
+        clipped = usable < 1 - usable
         fringes = start.surface >= 0
         _check_light(clipped, fringes)
         orders, numbered = self._likelihood.numbered(grid, light, start)
-        surfaces = Surfaces.of(grid, (self._bins, self._nodes), start, orders, numbered)
+        surfaces = Surfaces.of(self._geometry, start, orders, numbered)
         lit, onwards = surfaces.ends(grid, light, start)
         usable = light.usable * self._on_panel(surfaces.phase)
         usable *= surfaces.solvable(grid, lit, start)
@@ -125,9 +114,8 @@ class FringeModel:
 
     def _on_panel(self, phase: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Bins that the panel lights, but for its blurred rim."""
-        at_nodes = self.grid.at_nodes(phase)
-        within = within_panel(self.rig, self.pattern, at_nodes, self._nodes.meet(at_nodes)[1])
-        return np.asarray(self.grid.at_bins(within.astype(np.float32)) > RIM)
+        within = self._geometry.nodes.within_panel(self.grid.at_nodes(phase))
+        return np.asarray(self.grid.at_bins(within) > RIM)
 
     def _filled(
         self, light: Light, start: Start, phase: NDArray[np.float32]
@@ -135,14 +123,15 @@ class FringeModel:
         """Grey light, a stripe filled from red by their ratio around it, and nodes around it."""
         if not light.has_stripe:
             return light.grey, start.fringes
-        around = np.abs(self.grid.at_nodes(phase)) > _STRIPE + 2 * WIDTH * math.tau
+        # The blurred stripe takes of green and blue in the fringes beside it, too.
+        around = np.abs(self.grid.at_nodes(phase)) > (1 + 2 * WIDTH) * math.tau
         around &= start.fringes
         nearest = Nearest(around)
         other = LocalFit.of_mixture(start.colours[1:], light.shares[1:])
         ratio = other.swing / np.maximum(start.own.swing, 1)
         filled = self.grid.at_bins(nearest(other.level - ratio * start.own.level))
         filled += (light.shares[0] + self.grid.at_bins(nearest(ratio))) * light.unbroken
-        return np.where(np.abs(phase) < _STRIPE, filled, light.grey), around
+        return np.where(np.abs(phase) < math.tau, filled, light.grey), around
 
     def _solved(
         self,
@@ -159,7 +148,7 @@ class FringeModel:
 
     def _blurred(self, light, usable, phase, inside) -> Waveform:
         """The waveform in the blur that a strip of the picture shows, where most fringes are."""
-        high = min(len(inside), math.ceil(_STRIP * self.grid.fringe[1]))
+        high = min(len(inside), math.ceil(WORD * self.grid.fringe[1]))
         count = np.convolve(inside.sum(axis=1), np.ones(high), mode='valid')
         rows = slice(int(count.argmax()), int(count.argmax()) + high)
         strip = replace(self.grid, height=high * self.grid.rows)
@@ -173,8 +162,7 @@ class FringeModel:
 
     def _points(self, grey, usable, surfaces: Surfaces, fit: FringeFit) -> Points:
         """The points of all surfaces."""
-        geometry = self.rig, self.pattern, self.grid, self._bins, self._nodes
-        points = Points(*geometry, fit, usable, grey)
+        points = Points(self._geometry, fit, usable, grey)
         for number in range(surfaces.number.max() + 1):
             points.add(surfaces.number == number)
         if not points.measured.any():
@@ -190,8 +178,8 @@ class FringeModel:
         for surface, certain in points.surfaces:
             phase[certain] = surface[certain]
         contrast = self.grid.at_nodes(fit.amplitude) / np.maximum(self.grid.at_nodes(fit.level), 1)
-        column, (_, v_p) = self.pattern.column(phase), self._nodes.meet(phase)
-        rows = Rows(column, v_p, contrast, np.isfinite(phase), self._nodes.rays)
+        column, (_, v_p) = self.pattern.column(phase), self._geometry.nodes.meet(phase)
+        rows = Rows(column, v_p, contrast, np.isfinite(phase), self._geometry.nodes.rays)
         window = WIDTH * self.pattern.period_px
         found = check_epipolar(self.rig, self.pattern, rows, window)
         if found is not None:
@@ -201,11 +189,11 @@ class FringeModel:
 
 def _check_light(clipped: NDArray[np.bool_], fringes: NDArray[np.bool_]) -> None:
     """Raise the reason if most of the light is clipped, or none has fringes."""
-    count = np.count_nonzero(clipped)
-    share = count / np.count_nonzero(clipped | fringes) if count > LEAST_NODES else 0.0
-    if share > _CLIPPED:
+    count, rest = (int(np.count_nonzero(each)) for each in (clipped, fringes & ~clipped))
+    if count > max(rest, LEAST_NODES):
         raise SaturatedError(
-            f'the fringes are clipped over {share:.0%} of the lit area: expose for a shorter time'
+            f'the fringes are clipped over {count / (count + rest):.0%} of the lit area: expose '
+            'for a shorter time'
         )
     if not fringes.any():
         raise TooDarkError(

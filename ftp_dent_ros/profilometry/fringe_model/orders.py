@@ -25,8 +25,8 @@ from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit
 from ftp_dent_ros.profilometry.fringe_model.start import Start
 
-# Cells a fringe, each a fringe high: windows of half a fringe resolve no more.
-_CELLS = 2
+# Cells a fringe, each a fringe high: windows resolve no more.
+_CELLS = round(1 / WIDTH)
 # Share of the code's light that noise leaves: a limit of logarithms.
 _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
@@ -34,16 +34,15 @@ _GAINS = (0.3, 0.55, 1.0)
 _SCATTERS = (0.03, 0.1, 0.3)
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
+# Neighbouring cells see the same windows, each of so many square fringes.
+_SAME = 1 / (_CELLS * 4 * math.pi * WIDTH**2)
 # Odds of the accepted order against all others together, and fringes without any code.
 _ODDS = 1e3
 # Odds of another order within words of the code that part them from the surface: surfaces that
 # meet in whole fringes are as rare.
-_PART_ODDS = 1e5
+_PART_ODDS = _ODDS**2
 # Of words, by how well they are read: half of a surface may be another's.
 _WELL_READ = 0.75
-# Share of the steps' squares that a code explains at least, of a surface and of all together:
-#: that of another pattern explains a quarter, by chance, and of a few fringes more.
-_EXPLAINED = 0.5
 # Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
@@ -121,6 +120,8 @@ class OrderLikelihood:
             np.maximum(_expected_amplitude(pattern, self._first, self._count), self._floor)
         )
         self._steps = _steps(expected[None])[0].astype(np.float32)
+        coded = np.flatnonzero(~np.isclose(self._steps, 0, atol=1e-6))
+        self._coded = int(coded[0]), int(coded[-1]) + 1
         self._ends = pattern.phase([0, pattern.width - 1])
         self._has_words = pattern.code == 'contrast'
 
@@ -136,12 +137,12 @@ class OrderLikelihood:
         ratio, weight = _code(light, start, grid.bins_in_window)
         orders: list[int] = []
         index = np.full(start.surface.shape, -1, np.int32)
-        unexplained = 0.0  # of all surfaces' nodes, beyond what may be
+        unexplained = 0.0  # of all surfaces' nodes, more than is explained
         sizes = np.bincount(start.surface[start.surface >= 0])
         for number in np.flatnonzero(sizes):
             nodes = start.surface == number
             parts, explained = self.parts(start.phase, ratio, weight, nodes, grid.fringe[1])
-            unexplained += np.nan_to_num((_EXPLAINED - explained) * sizes[number])
+            unexplained += np.nan_to_num((1 - 2 * explained) * sizes[number])
             for order, part in parts:
                 index[part] = len(orders)
                 orders.append(order)
@@ -196,30 +197,25 @@ class OrderLikelihood:
         orders = self._lit_orders(cells.first, phase[inside])
         if not np.isfinite(cells.noise).any() or not len(orders):
             return [], math.nan
-        pairs = list(itertools.product(_SCATTERS, _GAINS))
-
-        def by_row(some: NDArray[np.intp], scatter: float, gain: float) -> NDArray[np.float32]:
-            return np.asarray(self._likelihood(cells, some, scatter, gain).sum(axis=2))
-
-        all_rows = np.stack([by_row(orders, *pair) for pair in pairs])
-        none = np.stack([by_row(orders[:1], scatter, 0) for scatter, _ in pairs])
+        none, all_rows = self._by_row(cells, orders)
         # Either all rows show the code, or some of them lie behind a step, as likely as not.
         some = np.logaddexp(all_rows, none) - math.log(2)
         total: Any = logsumexp([*all_rows.sum(axis=2), *some.sum(axis=2)], axis=0)
         best = int(np.argmax(total))
-        without = logsumexp(none.sum(axis=(1, 2))) + math.log(2)
+        without = logsumexp(none.sum(axis=2)) + math.log(2)
         rivals = [*np.delete(total, best), without]
         if total[best] - logsumexp(rivals) < math.log(_ODDS):
             return [], math.nan
         if not self._has_words:
             return [(int(orders[best]), inside)], 1.0
         # How well the code is read is seen where most of it is of the best order.
-        found = orders[[best]]
+        found, pairs = orders[[best]], list(itertools.product(_SCATTERS, _GAINS))
         read = [_read(self._likelihood(cells, found, *pair)[0]) for pair in pairs]
         each = self._likelihood(cells, orders, *pairs[int(np.argmax(read))])
         words = _order_of_words(each, best)
         explained = self._explained(cells, words, orders + cells.first)
-        if explained < _EXPLAINED:
+        # That of another pattern explains a quarter, by chance, and of a few fringes more.
+        if explained < 1 - explained:
             return [], explained
         local = words[cells.block, cells.cell]
         parts = []
@@ -268,19 +264,56 @@ class OrderLikelihood:
         there = (where >= 0) & (where < len(self._steps))
         return np.where(there, self._steps[np.clip(where, 0, len(self._steps) - 1)], 0)
 
+    def _by_row(self, cells: _Cells, orders):
+        """Logarithms of the likelihoods of no code and of the orders, for all scatters and gains.
+
+        Returns
+        -------
+        none : ndarray, shape (pairs, 1, blocks)
+        orders : ndarray, shape (pairs, orders, blocks)
+        """
+        scatter = np.array(_SCATTERS, np.float32)[:, None, None, None]
+        gain = np.array(_GAINS, np.float32)[:, None, None]
+        precision = _precision(cells.noise, scatter)
+        seen = cells.step * precision
+        none = _student(seen)
+        ratio = np.zeros((len(orders), len(_SCATTERS), len(_GAINS), len(cells.step)), np.float32)
+        for each, first in zip(ratio, cells.first + orders - self._first, strict=True):
+            # Beyond the code's steps an order is like none.
+            low, high = (max(end - first * _CELLS, 0) for end in self._coded)
+            here = np.s_[..., low:high]
+            expected = self._steps[low + first * _CELLS :][: seen[here].shape[-1]]
+            each += _student(seen[here] - gain * (expected * precision[here])).sum(axis=-1)
+            each -= none[here].sum(axis=-1)
+        without = np.repeat((none + _log(precision)).sum(axis=-1), len(_GAINS), axis=0)
+        return without, without + np.moveaxis(ratio, 0, 2).reshape(len(without), len(orders), -1)
+
     def _likelihood(self, cells: _Cells, orders, scatter, gain):
         """Logarithm for each step under each order, shape (orders, *step.shape)."""
         step = cells.step
         expected = self._expected(cells.first + orders)[:, : step.shape[1]]
-        # Where no step is seen its noise is infinite.
-        precision = 1 / np.sqrt((cells.noise + np.float32(scatter**2)) * np.float32(_FREEDOM))
-        each = (step * precision) - (np.float32(gain) * expected[:, None]) * precision
-        np.log1p(np.square(each, out=each), out=each)
-        each *= np.float32(-(_FREEDOM + 1) / 2)
-        each += np.log(np.where(precision > 0, precision, 1))
-        # Neighbouring cells see the same windows, each of so many square fringes.
-        each /= np.float32(_CELLS * 4 * math.pi * WIDTH**2)
-        return each
+        precision = _precision(cells.noise, np.float32(scatter))
+        x = step * precision - (np.float32(gain) * expected[:, None]) * precision
+        return _student(x) + _log(precision)
+
+
+def _precision(noise, scatter):
+    """Inverse scale of steps, zero where none is seen."""
+    return 1 / np.sqrt((noise + np.square(scatter)) * np.float32(_FREEDOM))
+
+
+def _student(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Logarithm of Student's t at scaled steps, but for their scale."""
+    x = x * x
+    x += 1
+    density: Any = cv2.log(x.reshape(-1, x.shape[-1])) if x.size else x
+    density *= np.float32(-(_FREEDOM + 1) / 2 * _SAME)
+    return density.reshape(x.shape)
+
+
+def _log(precision: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What their scale adds to it."""
+    return np.float32(_SAME) * np.log(np.where(precision > 0, precision, 1))
 
 
 def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -344,7 +377,7 @@ def _of_words(each: NDArray[np.float32], place: tuple[int, int] = (-1, -1)) -> A
     """Sums of steps over the words in which each has a place, or is in the middle."""
     size = WORD * _CELLS, WORD
     words: Any = cv2.blur(each, size, anchor=place, borderType=cv2.BORDER_CONSTANT)
-    return np.prod(size) * words
+    return math.prod(size) * words
 
 
 def _least_and_most(local: NDArray[np.int16], fringes: int) -> tuple[Any, Any]:
@@ -360,18 +393,19 @@ def _steps(values: NDArray) -> NDArray:
 
 def _expected_amplitude(pattern: Pattern, first: int, count: int) -> NDArray[np.float64]:
     """Amplitude of the code's light in Gaussian windows at the cells, over uncoded light's."""
-    samples = 64
-    phase = math.tau * (first - 0.25 + np.arange(count * samples) / samples)
+    samples, beyond = 64, 3
+    places = np.arange(-beyond * samples, (count + beyond) * samples)
+    phase = math.tau * (first - 0.25 + places / samples)
     cosine, sine = np.cos(phase), np.sin(phase)
     light = pattern.contrast(phase) * cosine
     if pattern.code == 'stripe':
         light = np.where(np.abs(phase) <= math.pi, -1.0, cosine)  # green and blue are off
-    reach = np.arange(-3 * samples, 3 * samples + 1) / samples
+    reach = np.arange(-beyond * samples, beyond * samples + 1) / samples
     window = np.exp(-0.5 * np.square(reach / WIDTH))
     window /= window.sum()
 
     def mean(values):
-        return np.convolve(np.pad(values, 3 * samples, 'edge'), window, mode='valid')
+        return np.convolve(values, window, mode='valid')
 
     level = mean(light)
     of_cosine = mean(light * cosine) - level * mean(cosine)

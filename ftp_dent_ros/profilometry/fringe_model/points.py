@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.response import OF_NOISE
-from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     ROUNDING,
-    BinGrid,
+    GridGeometry,
     Nearest,
     deconvolved,
     dilated,
@@ -23,27 +22,22 @@ from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
-from ftp_dent_ros.profilometry.fringe_model.start import LEAST_NODES
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
-from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAST_NODES
 
-# Mean square of the residual about a node over its scale, beyond which its light is not explained
-# (F test at 1e-6, some 12 bins), and from which on it makes the phase less certain.
-_UNEXPLAINED, _UNUSUAL = 30.0, 3.0
-# Standard deviations of what noise alone leaves so unevenly.
-_CHANCE = 2.0
-# Amplitude over the residuals' scale that shows fringes: two standard deviations.
-_VISIBLE = 2.0
+# Mean square of the residual about a node over its scale, from which on it makes the phase less
+# certain.
+_UNUSUAL = 3.0
 # Share of the bins about that must not be clipped: crests may be.
 _SEEN = 0.4
-# Standard deviation of a phase that is published, radians: a 24th of a fringe.
-_DEVIATION = math.pi / 12
+# Standard deviations of what noise alone leaves so unevenly, and that an amplitude shows fringes
+# by.
+_CHANCE = 2.0
+# Standard deviation of a phase that is published, radians: half of that which is unwrapped.
+_DEVIATION = DEVIATION / 2
 # Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
 _FAINTER = 0.6
 # Rows and columns of nodes at the rim into which light from beside the surface reaches.
 _BOTH = 1, 2
-# Fringes from a surface on where the light is another's.
-_FAR_OFF = 1.0
 
 
 class Points:
@@ -51,8 +45,7 @@ class Points:
 
     Parameters
     ----------
-    rig, pattern, grid, bins, nodes
-        As of the method; `bins` and `nodes` are the grid's rays.
+    geometry : GridGeometry
     fit : FringeFit
     usable : ndarray, shape (rows, columns)
         Share of the bins that is not clipped, 0 to 1.
@@ -62,18 +55,14 @@ class Points:
 
     def __init__(
         self,
-        rig: Rig,
-        pattern: Pattern,
-        grid: BinGrid,
-        bins: PhaseGeometry,
-        nodes: PhaseGeometry,
+        geometry: GridGeometry,
         fit: FringeFit,
         usable: NDArray[np.float32],
         light: NDArray[np.float32],
     ) -> None:
         self._light = light
-        self._rig, self._pattern, self._grid = rig, pattern, grid
-        self._bins, self._nodes, self._fit = bins, nodes, fit
+        grid, nodes = geometry.grid, geometry.nodes
+        self._grid, self._bins, self._nodes, self._fit = grid, geometry.bins, nodes, fit
         self._phase = grid.at_nodes(fit.phase)
         level, amplitude = (np.maximum(grid.at_nodes(x), 0.5) for x in (fit.level, fit.amplitude))
         self._amplitude = amplitude
@@ -83,9 +72,8 @@ class Points:
         square = usable * fit.residual * fit.residual
         rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
         scale = np.maximum(fit.scale, np.float32(ROUNDING))
-        explained = rest < _UNEXPLAINED * scale
-        visible = grid.at_nodes(fit.amplitude) > _VISIBLE * np.sqrt(scale)
-        self._good = explained & visible & (self._seen > _SEEN)
+        visible = grid.at_nodes(fit.amplitude) > _CHANCE * np.sqrt(scale)
+        self._good = visible & (self._seen > _SEEN)
         beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
         self._whole = amplitude > _FAINTER * beside
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
@@ -101,7 +89,7 @@ class Points:
         freedom = grid.bins_in_window - 6 * sum(1 / n for n in range(1, OF_NOISE + 1))
         self._posterior = fit.scale / np.maximum(power * np.float32(freedom), np.float32(1e-6))
         _, v_p = nodes.meet(self._phase)
-        amplitude = amplitude / pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
+        amplitude = amplitude / nodes.pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
         self.sheets: list[Sheet] = []
         self.measured = np.zeros(grid.node_shape, bool)
@@ -129,12 +117,15 @@ class Points:
         coarse = self._phase - smooth
         inside &= self._whole
         denoised = denoise(grid, coarse, changes, inside.astype(np.float32), self._posterior)
-        variance = np.maximum(denoised.variance, 0) + self._unexplained
+        variance, noise = (
+            np.maximum(each, 0) + self._unexplained for each in (denoised.variance, denoised.noise)
+        )
         certain = inside & ~rim & (variance < _DEVIATION**2)
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
-        at_nodes = smooth + Nearest(certain)(denoised.phase)
+        known = Nearest(certain)
+        at_nodes = smooth + known(denoised.phase)
         # What is finer than the nodes is as good as the finest octave.
         on_surface = Nearest(inside)
         finest = grid.at_bins(np.clip(on_surface(denoised.finest), 0, 1))
@@ -144,15 +135,16 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        whole = np.maximum(denoised.noise, 0) + self._unexplained
-        self._keep(inside, certain, quadric, phase, at_nodes, variance, whole)
+        slope = self._nodes.per_radian(at_nodes)
+        deviations = [slope * np.sqrt(known(each)) for each in (variance, noise)]
+        self._keep(inside, certain, quadric, phase, at_nodes, deviations)
 
-    def _keep(self, inside, certain, quadric, phase, at_nodes, variance, whole) -> None:
+    def _keep(self, inside, certain, quadric, phase, at_nodes, deviations) -> None:
         """Keep what is certain enough, and lit by the panel."""
-        grid = self._grid
+        grid, (deviation, noise) = self._grid, deviations
         sure, share, good = self._ends(inside, certain)
         inverse, _ = self._bins.meet(phase)
-        rim = within_panel(self._rig, self._pattern, at_nodes, self._nodes.meet(at_nodes)[1])
+        rim = self._nodes.within_panel(at_nodes)
         self.measured |= good & (rim > RIM)
         own = grid.repeated(certain & good) & np.isfinite(inverse)
         if not own.any():
@@ -163,9 +155,6 @@ class Points:
         away, raw = (
             deconvolved(nearest((each - smooth).astype(np.float32)), grid.step, grid.rows)
             for each in (inverse, self._bins.meet(self._fit.phase)[0])
-        )
-        deviation, noise = (
-            self._nodes.deviation(at_nodes, Nearest(certain)(each)) for each in (variance, whole)
         )
         self.sheets.append(
             Sheet(
@@ -178,7 +167,7 @@ class Points:
                 share,
                 sure,
                 good,
-                rim.astype(np.float32),
+                rim,
             )
         )
 
@@ -188,7 +177,8 @@ class Points:
         Beside another surface's fringes, and at small holes, the share tells nothing.
         """
         along_u, along_v = self._grid.fringe
-        reach = [math.ceil(_FAR_OFF * n) for n in (along_v, along_u / self._grid.node)]
+        # A fringe from a surface on the light is another's.
+        reach = [math.ceil(n) for n in (along_v, along_u / self._grid.node)]
         inner = ~dilated(~certain, 1, 1)
         other = wider_than_windows(self._good & ~inside)
         near, others = (dilated(each, *reach) for each in (certain, other))
@@ -217,10 +207,3 @@ class Points:
 def _around(nodes: NDArray[np.float32]) -> NDArray[Any]:
     """Means over a node and those beside it."""
     return cv2.blur(nodes, (3, 3))
-
-
-def within_panel(rig: Rig, pattern: Pattern, phase, v_p) -> NDArray[np.floating]:
-    """Projector pixels from the panel's nearest rim, less than 0 beyond it."""
-    u_p, panel = pattern.column(phase), rig.projector
-    across = np.minimum(u_p, panel.width - 1 - u_p)
-    return np.minimum(across, np.minimum(v_p, panel.height - 1 - v_p)) + 0.5

@@ -19,29 +19,24 @@ class Quadric:
 
     coefficients: NDArray[np.float64]
 
-    @classmethod
-    def through(
-        cls,
-        x: NDArray[np.floating],
-        y: NDArray[np.floating],
-        inverse_depth: NDArray[np.floating],
-    ) -> Quadric:
-        """Robust quadric through points, arrays of shape (points,): dents are outliers."""
-        x, y, values = (each[:: max(1, len(x) // _POINTS)] for each in (x, y, inverse_depth))
-        return cls(fitted(_terms(x, y), values))
-
     def at(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.float32]:
         """Inverse depth at places, x and y that broadcast."""
         c, x, y = (each.astype(np.float32) for each in (self.coefficients, x, y))
         return x * (c[3] * x + c[1] + c[4] * y) + (y * (c[5] * y + c[2]) + c[0])
 
 
-def _terms(x, y):
-    x, y = np.broadcast_arrays(x, y)
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-
-
 def quadric_through(places, values: NDArray[np.floating], mask: NDArray[np.bool_]) -> Quadric:
-    """Quadric through the values of a mask at places, x and y that broadcast to its shape."""
-    x, y = (each[mask] for each in np.broadcast_arrays(*places))
-    return Quadric.through(x, y, values[mask])
+    """Robust quadric through the values of a mask at places: dents are outliers.
+
+    Parameters
+    ----------
+    places : tuple of ndarray
+        x and y that broadcast to the shape of the values.
+    """
+    inside = np.flatnonzero(mask)
+    some = inside[:: max(1, len(inside) // _POINTS)]
+    x, y = (
+        np.broadcast_to(each, mask.shape)[np.unravel_index(some, mask.shape)] for each in places
+    )
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    return Quadric(fitted(terms, values.ravel()[some]))

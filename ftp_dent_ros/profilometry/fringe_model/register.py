@@ -18,6 +18,7 @@ from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.start import FAINTEST, LEAST_NODES
 from ftp_dent_ros.profilometry.unwrapping import wrap
+from ftp_dent_ros.robust import median
 
 # The most that shares differ from those of even colours in what is white to a camera.
 _WHITE = 0.1
@@ -51,7 +52,7 @@ def lead_of_paint(
     even = np.array(shares, np.float32)[:, None, None]
     white = seen & (np.abs(paint - even).max(axis=0) < _WHITE)
     if np.count_nonzero(white) >= LEAST_NODES:
-        even = np.median(paint[:, white], axis=1)[:, None, None]
+        even = np.array([median(each[white]) for each in paint], np.float32)[:, None, None]
     phase = [np.arctan2(each.slope, each.amplitude) for each in colours]
     lead = np.zeros_like(total)
     for colour in (0, 2):

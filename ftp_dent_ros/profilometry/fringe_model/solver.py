@@ -10,25 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, moved
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
-# Gauss-Newton rounds; and times that the windows' own smoothing is taken off the shift in each.
-_ROUNDS, _SHARPENED = 4, 2
+# Gauss-Newton rounds before bins choose their windows and as many after; and times that the
+# windows' own smoothing is taken off the shift in each.
+_ROUNDS, _SHARPENED = 2, 2
 #: Wavelength of which half the depth is there after them, fringes: 1.7 along u, where level and
 #: amplitude take a part of it, and 1.3 along v.
 RESOLVED = 1.45
-# Round that chooses windows: the one before resolves what detail it can, which is no edge.
-_CHOICE = 1
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
 # Every how many bins show the waveform's unknowns.
 _EVERY = 5
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0
-# Least mean weight of a window that may be taken.
-_LEAST_WEIGHT = 0.05
 # Residuals beyond which a bin counts less, in scales (Geman and McClure's function).
 _REDESCENDS = 2.0
 
@@ -91,7 +88,7 @@ class Solver:
         waveform: Waveform,
     ) -> FringeFit:
         """Fit from a phase that is right to a third of a fringe."""
-        grid, weight = self.grid, usable
+        grid = self.grid
         wave, slope = waveform.at(phase)
         first = Windows(grid, wave, slope, usable).fit(light)
         level, amplitude = grid.at_bins(first.level), grid.at_bins(first.amplitude)
@@ -100,37 +97,45 @@ class Solver:
         residual = light - level - amplitude * wave
         fit, _ = self._learned(fit, residual, wave, slope, self._weight(usable, residual), None)
         for number in range(_ROUNDS):
-            wave, slope = _wave(fit, fit.phase, self._plane)
-            residual = light - fit.level - fit.amplitude * wave  # eq. 1
-            if number > _CHOICE:
-                weight = self._weight(usable, residual)
-            slope *= fit.amplitude
-            windows = Windows(grid, wave, slope, weight)
-            change = windows.fit(residual)  # eq. 3
-            sharp = self._sharpened(windows, change, weight)
-            # A start is too far off to show the blur.
-            blurred = windows if number and fit.waveform.has_code else None
-            fit, followed = self._learned(fit, residual, wave, slope, weight, blurred)
-            sharp = [each - more for each, more in zip(sharp, followed, strict=True)]
-            level, amplitude, shift = (grid.at_bins(each) for each in sharp)
-            np.clip(shift, -1, 1, out=shift)
-            fitted = level + fit.level, amplitude + fit.amplitude, fit.phase + shift - reference
-            if number == _CHOICE:  # later windows go on from there
-                del residual, shift  # for the memory that the choice takes
-                enough = windows.weight > _LEAST_WEIGHT
-                rest = np.where(enough, change.rest + np.float32(ROUNDING), np.float32(np.inf))
-                fitted = self._clearest(light, usable, fit, fitted, rest, reference)
-            level, amplitude, away = fitted
-            fit = replace(fit, phase=reference + away, level=level, amplitude=amplitude)
+            fit, rest = self._round(light, usable, fit, number)
+        # Detail that these have resolved is no edge.
+        fit = self._clearest(light, usable, fit, rest, reference)
+        for number in range(_ROUNDS, 2 * _ROUNDS):
+            fit, _ = self._round(light, usable, fit, number)
         wave, slope = _wave(fit, fit.phase, self._plane)
         residual = light - fit.level - fit.amplitude * wave
         scale = self._scale(usable, residual)
         return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
+    def _round(self, light, usable, fit, number: int):
+        """The fit after a round, and what its windows leave of their light."""
+        grid, weight = self.grid, usable
+        wave, slope = _wave(fit, fit.phase, self._plane)
+        residual = light - fit.level - fit.amplitude * wave  # eq. 1
+        if number >= _ROUNDS:
+            weight = self._weight(usable, residual)
+        slope *= fit.amplitude
+        windows = Windows(grid, wave, slope, weight)
+        change = windows.fit(residual)  # eq. 3
+        sharp = self._sharpened(windows, change, weight)
+        # A start is too far off to show the blur.
+        blurred = windows if number and fit.waveform.has_code else None
+        fit, followed = self._learned(fit, residual, wave, slope, weight, blurred)
+        level, amplitude, shift = (
+            grid.at_bins(each - more) for each, more in zip(sharp, followed, strict=True)
+        )
+        np.clip(shift, -1, 1, out=shift)
+        for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
+            each += more
+        # Windows without most of their light are none to go on from.
+        rest = change.rest + np.float32(ROUNDING)
+        rest[2 * windows.weight <= 1] = np.inf
+        return replace(fit, phase=shift, level=level, amplitude=amplitude), rest
+
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift without the windows' own smoothing of them."""
         weight = self.grid.at_nodes(weight)
-        share = 1 / np.maximum(windows.weight, np.float32(1e-6))
+        share = 1 / np.maximum(windows.weight, np.finfo(np.float32).eps)
         sharpened = []
         for smooth in (fit.level, fit.amplitude, fit.slope):
             sharp = smooth
@@ -186,42 +191,52 @@ class Solver:
         more_blur = self.grid.at_nodes(middle + np.tensordot(slopes, self._plane, axes=1))
         return fit, [each * more_blur for each in follow]
 
-    def _clearest(self, light, usable, fit, fitted, rest, reference):
+    def _clearest(self, light, usable, fit, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
 
         A window must explain its own light as well: one across an edge does not. From windows at
         the sides the phase goes on in a straight line.
         """
-        step = self.grid.node
-        beside = np.minimum.reduce([_moved(rest, round(u / step), v) for u, v in self._sides])
+        step, (height, width) = self.grid.node, light.shape
+        beside = np.minimum.reduce([moved(rest, round(u / step), v) for u, v in self._sides])
         across = self.grid.repeated(rest > self._across * beside)
         if not across.any():
-            return fitted
-        rest = self.grid.repeated(rest)
+            return fit
         # What the boxes of bins across an edge hold.
         near = np.flatnonzero(cv2.dilate(across.view(np.uint8), self._box, iterations=2))
-        light, usable, ahead = (each.ravel()[near] for each in (light, usable, reference))
-        plane = self._plane.reshape(2, -1)[:, near]
-        misfit = np.zeros_like(rest)
+        row, column = np.divmod(near, width)
+        across, light, usable = (each.ravel()[near] for each in (across, light, usable))
+        ahead, plane = reference.ravel()[near], self._plane.reshape(2, -1)[:, near]
+        rest = self.grid.repeated(rest).ravel()
+        fitted = [each.ravel() for each in (fit.level, fit.amplitude, fit.phase - reference)]
+        misfit = np.zeros((height, width), np.float32)
 
-        def misfit_of(level, amplitude, away):
-            level, amplitude, away = (each.ravel()[near] for each in (level, amplitude, away))
+        def misfit_of(level, amplitude, away, rest):
             wave, _ = _wave(fit, ahead + away, plane)
             np.put(misfit, near, usable * np.square(light - level - amplitude * wave))
             # Of the boxes that hold a bin the clearest: at an edge that on its side.
-            return cv2.erode(self.grid.around(misfit), self._box)
+            return cv2.erode(self.grid.around(misfit), self._box).ravel()[near] + rest
 
-        least = misfit_of(*fitted) + rest
-        best = [each.copy() for each in fitted]
+        best = [each[near] for each in fitted]
+        level, amplitude, away = best
+        least = misfit_of(level, amplitude, away, rest[near])
         for u, v in self._sides:
-            level, amplitude, away = (_moved(each, u, v) for each in fitted)
-            away = 2 * away - _moved(fitted[2], 2 * u, 2 * v)
-            misfits = misfit_of(level, amplitude, away) + _moved(rest, u, v)
+            there, beyond = (
+                np.clip(row + k * v, 0, height - 1) * width + np.clip(column + k * u, 0, width - 1)
+                for k in (1, 2)
+            )
+            level, amplitude, away = (each[there] for each in fitted)
+            away = 2 * away - fitted[2][beyond]
+            misfits = misfit_of(level, amplitude, away, rest[there])
             better = across & (misfits < least)
             np.copyto(least, misfits, where=better)
             for new, old in zip((level, amplitude, away), best, strict=True):
                 np.copyto(old, new, where=better)
-        return best
+        level, amplitude, phase = fit.level.copy(), fit.amplitude.copy(), fit.phase.copy()
+        best[2] += ahead
+        for each, values in zip((level, amplitude, phase), best, strict=True):
+            np.put(each, near, values)
+        return replace(fit, level=level, amplitude=amplitude, phase=phase)
 
     def _about(self, bins) -> NDArray[Any]:
         along_u, along_v = self.grid.fringe
@@ -235,11 +250,3 @@ def _wave(fit, phase, plane):
         return fit.waveform.at(phase)
     along_u, along_v = fit.slopes.astype(np.float32)
     return fit.waveform.at(phase, along_u * plane[0] + along_v * plane[1])
-
-
-def _moved(bins, columns, rows):
-    """The value of the bin so far to the right and below, at the border the border's."""
-    down, right = abs(rows), abs(columns)
-    wide = cv2.copyMakeBorder(bins, down, down, right, right, cv2.BORDER_REPLICATE)
-    height, width = bins.shape
-    return wide[down + rows : down + rows + height, right + columns : right + columns + width]

@@ -12,22 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid, Nearest
+from ftp_dent_ros.profilometry.fringe_model.bins import (
+    ROUNDING,
+    BinGrid,
+    GridGeometry,
+    Nearest,
+    moved,
+)
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.profilometry.unwrapping import unwrap, wrap
 
 #: Planes, in baselines: a carrier within a factor of 1.5 of the fringes' is near enough.
 PLANES = 2.0, 4.0, 8.0
-# Standard deviation of a phase that may be unwrapped: three are a right angle.
-_DEVIATION = math.pi / 6
+#: Standard deviation of a phase that may be unwrapped: three are a right angle.
+DEVIATION = math.pi / 6
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
 # and what the phases of both sides are apart where they meet at most of it, radians: edges of
 # paint or light leave 0.17 at most.
 _CLEARER, _LEAP = 4.3, 0.22
-# Share of what a surface's own phase explains that a plane does that comes near to it.
-_NEAR = 0.5
 #: Nodes that a surface has at least: two rows of windows over some fringes.
 LEAST_NODES = 30
 # Share of the fit that another plane must explain more, so that it is not chosen by noise.
@@ -81,11 +84,12 @@ class Plane:
     whole: Windows
 
     @classmethod
-    def of(cls, grid: BinGrid, bins: PhaseGeometry, nodes: PhaseGeometry, depth: float) -> Plane:
+    def of(cls, geometry: GridGeometry, depth: float) -> Plane:
         """The plane at a depth, metres."""
+        grid = geometry.grid
         at_bins, at_nodes = (
-            geometry.phase(np.full(shape, 1 / depth, np.float32))
-            for geometry, shape in ((bins, grid.shape), (nodes, grid.node_shape))
+            rays.phase(np.full(shape, 1 / depth, np.float32))
+            for rays, shape in ((geometry.bins, grid.shape), (geometry.nodes, grid.node_shape))
         )
         usable = np.ones(grid.shape, np.float32)
         return cls(at_bins, at_nodes, Windows(grid, np.cos(at_bins), -np.sin(at_bins), usable))
@@ -119,10 +123,14 @@ def fit_planes(
         explained.append(cv2.blur(share, (5, 9)))
     best = int(np.argmax([each[each > 0.5].sum() for each in explained]))
     explained[best] += _BETTER
-    chosen = np.argmax(explained, axis=0)
+    most = np.maximum.reduce(explained)
+    chosen = [each == most for each in explained]
 
     def of(values):
-        return np.choose(chosen, values).astype(np.float32)
+        taken = np.empty_like(most)
+        for value, here in zip(values, chosen, strict=True):
+            np.copyto(taken, value, where=here)
+        return taken
 
     phase = of(
         [p.at_nodes + np.arctan2(f.slope, f.amplitude) for f, p in zip(fits, planes, strict=True)]
@@ -130,8 +138,8 @@ def fit_planes(
     amplitude = of([f.swing for f in fits])
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))
-    variance = 2 * rest / (strength * grid.bins_in_window)
-    fringes = (variance < _DEVIATION**2) & (amplitude > FAINTEST)
+    variance = 2 * rest / (strength * np.float32(grid.bins_in_window))
+    fringes = (variance < DEVIATION**2) & (amplitude > FAINTEST)
     wrapped = wrap(phase - planes[best].at_nodes)
     leaps = _leaps(grid, wrapped, rest, np.float32(steps) * strength, fringes)
     unwrapped = unwrap(wrapped, fringes & ~leaps)
@@ -154,13 +162,14 @@ def fit_planes(
 
 
 def _near(part: NDArray[np.int32], *explained: NDArray[np.float32]) -> NDArray[np.int32]:
-    """The surfaces to whose fringes a plane comes near, as its share and their own explain them.
+    """The surfaces to whose fringes a plane comes near.
 
-    What is seen of others, and of too few nodes, is by chance.
+    It explains most of what their own phase does. What is seen of others, and of too few nodes,
+    is by chance.
     """
     inside = part >= 0
     size, plane, own = (np.bincount(part[inside], x[inside], 1) for x in (inside, *explained))
-    return np.where(((plane > _NEAR * own) & (size >= LEAST_NODES))[part], part, -1)
+    return np.where(((plane > own - plane) & (size >= LEAST_NODES))[part], part, -1)
 
 
 def _leaps(
@@ -191,14 +200,14 @@ def _leaps(
                 (round(sign * k * u * along_u), round(sign * k * v * along_v))
                 for k in (ASIDE, 2 * ASIDE)
             ]
-            near.append(_moved(wrapped, *places[0]))
-            far.append(_moved(wrapped, *places[1]))
-            beside.append(_moved(rest, *places[0]))
-            within = within & _moved(seen, *places[1])
+            near.append(moved(wrapped, *places[0]))
+            far.append(moved(wrapped, *places[1]))
+            beside.append(moved(rest, *places[0]))
+            within = within & moved(seen.view(np.uint8), *places[1]).view(bool)
         mixed = fringes & (rest > _CLEARER * (np.minimum(*beside) + ROUNDING) + least)
         rim |= mixed & ~within
         shown = mixed & within
-        crest = shown & (rest >= _moved(rest, u, v)) & (rest >= _moved(rest, -u, -v))
+        crest = shown & (rest >= moved(rest, u, v)) & (rest >= moved(rest, -u, -v))
         before, after = (n + wrap(n - f) for n, f in zip(near, far, strict=True))
         leap = np.where(crest, np.maximum(leap, np.abs(wrap(after - before))), leap)
         edge |= shown
@@ -209,12 +218,3 @@ def _leaps(
     usual[1:] = ndimage.median(leap, np.where(leap >= 0, line, 0), np.arange(1, count))
     leaps: NDArray[np.bool_] = rim | ((joined > 0) & (usual > _LEAP)[line])
     return leaps
-
-
-def _moved(nodes: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
-    """The value of the node so far to the right and below, at the border the border's."""
-    row, column = (
-        np.clip(np.arange(n) + by, 0, n - 1)
-        for n, by in zip(nodes.shape, (rows, columns), strict=True)
-    )
-    return nodes[np.ix_(row, column)]

@@ -18,26 +18,21 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     ROUNDING,
     WIDTH,
     BinGrid,
+    GridGeometry,
     Nearest,
     dilated,
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
-from ftp_dent_ros.profilometry.fringe_model.start import Start
-from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
+from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, Start
 from ftp_dent_ros.profilometry.unwrapping import wrap
 
 # Fringes from an edge within which a window sees both sides: two of its standard deviations.
 _ACROSS = 2 * WIDTH
-# Nodes to each side that a whole window has: two deviations.
-_WHOLE = 2
-# Fringes beyond a surface within which its bins may go on.
-_BEYOND = 1.5
-# Fringes beyond it from which on it is dark in any blur.
-_DARK = 3.0
-# What the start, smooth over a window, may differ by from the first fit, radians.
-_OFF = 1.0
+# What the start, smooth over a window, may differ by from the first fit, radians: two deviations.
+_OFF = 2 * DEVIATION
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +57,7 @@ class Surfaces:
     @classmethod
     def of(
         cls,
-        grid: BinGrid,
-        geometry: tuple[PhaseGeometry, PhaseGeometry],
+        geometry: GridGeometry,
         start: Start,
         orders: Sequence[int],
         numbered: NDArray[np.int32],
@@ -74,14 +68,13 @@ class Surfaces:
 
         Parameters
         ----------
-        geometry : tuple of PhaseGeometry
-            Of bins and nodes.
+        geometry : GridGeometry
         orders : sequence of int
             Whole fringes to add to each surface's phase.
         numbered : ndarray, shape (rows, nodes), int32
             Index of the order, -1 for none.
         """
-        bins, nodes = geometry
+        grid, bins, nodes = geometry.grid, geometry.bins, geometry.nodes
         known = numbered >= 0
         nearest = Nearest(known)
         label = nearest(numbered)
@@ -102,14 +95,14 @@ class Surfaces:
         beside = nearest(away)
         away = np.where(start.surface >= 0, beside + wrap(away - beside), beside)
         other = wider_than_windows((start.surface >= 0) & ~known)
-        near = grid.within(known, _BEYOND) & Nearest(known | other)(known)
+        near = grid.within(known, ASIDE) & Nearest(known | other)(known)
         return cls(known, np.where(near, label, -1), reference + grid.at_bins(away), reference)
 
     def ends(
         self, grid: BinGrid, light: Light, start: Start
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
         """Bins between the ends of the light, and the phase that goes on from inside to there."""
-        inner, near = ~grid.within(~self.known, _ACROSS), grid.within(self.known, _DARK)
+        inner, near = ~grid.within(~self.known, _ACROSS), grid.within(self.known, 2 * ASIDE)
         from_inside = Nearest(inner)
         away, level, amplitude = (
             grid.at_bins(from_inside(each))
@@ -120,27 +113,39 @@ class Surfaces:
         fringes = np.square(light.unbroken - level - amplitude * np.cos(onwards))
         gain = light.usable * (np.square(light.unbroken - beyond) - fringes)
         gain = np.where(grid.repeated(near), gain, 0) - np.float32(ROUNDING)
-        wide, high = (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
-        lit = _stretches(gain, high) & _stretches(gain.T, wide).T
+        node, (wide, high) = grid.node, (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
+        total = cv2.integral(gain, sdepth=cv2.CV_64F)
+        across = _stretches(total[:, ::node].T, 2 * round(wide / node / 2) + 1).T
+        lit = _stretches(total, high) & grid.repeated(across)
         return lit, np.where(grid.repeated(inner), self.phase, onwards)
 
     def solvable(self, grid: BinGrid, lit: NDArray[np.bool_], start: Start) -> NDArray[np.bool_]:
         """Bins between the ends, with whole windows on a surface, or near another one."""
-        whole = ~dilated(~self.known, _WHOLE, _WHOLE)
+        along_u, along_v = grid.fringe
+        reach = (round(_ACROSS * n) for n in (along_v, along_u / grid.node))
+        whole = ~dilated(~self.known, *reach)
         other = wider_than_windows((start.surface >= 0) & ~self.known)
         return lit | grid.repeated(whole | grid.within(other, 2 * _ACROSS))
 
 
-def _stretches(gain: NDArray[np.float32], across: int) -> NDArray[np.bool_]:
-    """In each row the bins from one to another whose sum is the largest: the likeliest ends.
+def _stretches(total: NDArray[np.float64], across: int) -> NDArray[np.bool_]:
+    """In each row the places from one to another whose sum is the largest: the likeliest ends.
 
     Rows are taken `across` at a time, as dark fringes tell no end.
+
+    Parameters
+    ----------
+    total : ndarray, shape (rows + 1, places + 1)
+        Sums over all rows above and all places before.
     """
-    rows: Any = cv2.blur(np.ascontiguousarray(gain), (1, across))
-    total = np.pad(np.cumsum(rows, axis=1, dtype=float), ((0, 0), (1, 0)))
+    count = len(total) - 1
+    above, below = (
+        np.clip(np.arange(count) + each, 0, count) for each in (-(across // 2), across // 2 + 1)
+    )
+    total = total[below] - total[above]
     lowest = np.minimum.accumulate(total, axis=1)
     last = (total - lowest).argmax(axis=1)[:, None]
     first = (total == np.take_along_axis(lowest, last, axis=1)).argmax(axis=1)[:, None]
-    bins = np.arange(gain.shape[1])
-    within: Any = ((bins >= first) & (bins < last)).view(np.uint8)
+    places = np.arange(total.shape[1] - 1)
+    within: Any = ((places >= first) & (places < last)).view(np.uint8)
     return cv2.dilate(within, np.ones((across, 1), np.uint8)) > 0

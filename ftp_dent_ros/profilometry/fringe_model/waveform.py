@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
+from scipy.fft import irfft
 
 from ftp_dent_ros.pattern.pattern import Pattern
 
@@ -47,6 +48,8 @@ class Waveform:
         Of the panel's light over the samples.
     frequency : ndarray, shape (frequencies,)
         Over the fringes'.
+    straight : ndarray, shape (3, samples)
+        The blurred light over the samples, its derivative by the phase, and by the variance.
     variance : float
         Of the blur in the middle of the picture, radians^2.
     response : ndarray, shape (4,)
@@ -57,6 +60,7 @@ class Waveform:
     has_code: bool
     spectrum: NDArray[np.complex128]
     frequency: NDArray[np.floating]
+    straight: NDArray[np.float32]
     variance: float = USUAL
     response: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_BENDS))
 
@@ -73,12 +77,22 @@ class Waveform:
             pattern.code == 'contrast',
             np.fft.rfft(light) / np.sinc(1 / pattern.period_px),
             np.fft.rfftfreq(count, math.tau / _SAMPLES) * math.tau,
-        )
+            np.empty((3, 0), np.float32),
+        ).in_blur(USUAL)
+
+    def in_blur(self, variance: float) -> Waveform:
+        """The waveform in a blur of some variance, radians^2."""
+        # Over the carrier's own loss, which is the amplitude's.
+        half = (1 - np.square(self.frequency)) / 2
+        blurred = self.spectrum * np.exp(variance * half)
+        spectra = np.stack([blurred, 1j * self.frequency * blurred, half * blurred])
+        straight = irfft(spectra.astype(np.complex64), 2 * (len(self.frequency) - 1))
+        return replace(self, straight=straight, variance=variance)
 
     @cached_property
     def in_blurs(self) -> list[Waveform]:
         """The waveform in the blurs to choose from."""
-        return [replace(self, variance=each) for each in _VARIANCES]
+        return [self.in_blur(each) for each in _VARIANCES]
 
     def with_least(self, left: Callable[[Waveform], float]) -> Waveform:
         """The waveform in the blur that leaves least: a parabola through the best choices."""
@@ -87,23 +101,15 @@ class Waveform:
         near = slice(middle - 1, middle + 2)
         bend, slope, _ = np.polyfit(_VARIANCES[near], misfits[near], 2)
         lowest = -slope / (2 * bend) if bend > 0 else _VARIANCES[misfits.argmin()]
-        return replace(self, variance=float(np.clip(lowest, 0, _VARIANCES[-1])))
+        return self.in_blur(float(np.clip(lowest, 0, _VARIANCES[-1])))
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float32], ...]:
         """F, dF / d phase, dF / d variance and the straight F at the samples, shape (samples,)."""
-        count = 2 * (len(self.frequency) - 1)
-        # Over the carrier's own loss, which is the amplitude's.
-        half = (1 - np.square(self.frequency)) / 2
-        blurred = self.spectrum * np.exp(self.variance * half)
-        light, slope, by_blur = (
-            np.fft.irfft(each, count)
-            for each in (blurred, 1j * self.frequency * blurred, half * blurred)
-        )
-        bent = [0, 1, *self.response]
+        light, slope, by_blur = self.straight
+        bent = np.array([0, 1, *self.response], np.float32)
         steep = chebyshev.chebval(light, chebyshev.chebder(bent))
-        tables = chebyshev.chebval(light, bent), steep * slope, steep * by_blur, light
-        return tuple(each.astype(np.float32) for each in tables)
+        return chebyshev.chebval(light, bent), steep * slope, steep * by_blur, light
 
     def at(
         self, phase: NDArray[np.float32], more_blur: NDArray[np.float32] | None = None
@@ -125,7 +131,6 @@ class Waveform:
         """Index of the nearest sample, and what the phase is beyond it, radians."""
         place = phase * np.float32(_SAMPLES / math.tau)
         place -= np.float32(self.start * _SAMPLES / math.tau)
-        np.clip(place, 0, len(self.tables[0]) - 1, out=place)
         nearest = np.rint(place)
         place -= nearest
         place *= np.float32(math.tau / _SAMPLES)
@@ -164,8 +169,8 @@ class Waveform:
         blur = np.zeros(3) if by_blur is None else np.clip(more[_BENDS:], -_STEP, _STEP)
         response = self.response + more[:_BENDS]
         blur[0] = np.clip(self.variance + blur[0], 0, _VARIANCES[-1]) - self.variance
-        waveform = replace(self, response=response, variance=self.variance + float(blur[0]))
-        return waveform, blur
+        blurred = self.in_blur(self.variance + float(blur[0])) if blur[0] else self
+        return replace(blurred, response=response), blur
 
 
 def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]:
