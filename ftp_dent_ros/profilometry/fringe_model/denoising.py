@@ -96,7 +96,7 @@ def denoise(
         part = white.share[octave] * noise
         whole = whole + part
         energy = mean.of(detail * detail, width)
-        change = np.minimum(contrast, amplitude)
+        change = np.maximum(noise, np.minimum(contrast, amplitude))
         signal = np.where(energy > _STRAYS * noise, energy - noise, 0)
         taken = change / np.maximum(energy, np.float32(1e-12))
         gain = np.where(taken < 1 / _SHOWN, 1 - taken, 0)  # eq. 9

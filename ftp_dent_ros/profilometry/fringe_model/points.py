@@ -85,9 +85,10 @@ class Points:
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
         self._unexplained = (2 * unusual + 4 * detail) / np.square(np.maximum(amplitude, 1))
         power = np.square(amplitude) * grid.window_sums(fit.slope * fit.slope)
-        # What level, amplitude and phase follow of the noise is not in the residuals.
-        freedom = grid.bins_in_window - 6 * sum(1 / n for n in range(1, OF_NOISE + 1))
-        self._posterior = fit.scale / np.maximum(power * np.float32(freedom), np.float32(1e-6))
+        # Of noise, each of the fits of three unknowns takes its share of what others have left.
+        followed = 6 * sum(1 / n for n in range(1, OF_NOISE + 1)) / grid.bins_in_window
+        power *= np.float32(grid.bins_in_window * math.exp(-followed))
+        self._posterior = fit.scale / np.maximum(power, np.float32(1e-6))
         _, v_p = nodes.meet(self._phase)
         amplitude = amplitude / nodes.pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
