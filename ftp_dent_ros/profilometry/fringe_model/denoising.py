@@ -25,12 +25,15 @@ _OCTAVES = 5
 _COUNT = 7
 # Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand.
 _SHOWN = np.float32(stats.chi2.isf(1e-3, _COUNT) / _COUNT)
-# Energy over the noise's from which on the rest may be the skin's shape: two standard deviations.
-_STRAYS = np.float32(1 + 2 * math.sqrt(2 / _COUNT))
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
 # Widths of windows over which noise is a mean: 9 windows count. Energy is the mean over one.
 _OF_NOISE = 3.0
+# Energy over the noise's from which on the rest may be the skin's shape, at a place and all
+# around: two standard deviations.
+_STRAYS, _AROUND = (
+    np.float32(1 + 2 * math.sqrt(2 / count)) for count in (_COUNT, _COUNT * _OF_NOISE**2)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +99,10 @@ def denoise(
         part = white.share[octave] * noise
         whole = whole + part
         energy = mean.of(detail * detail, width)
-        change = np.maximum(noise, np.minimum(contrast, amplitude))
+        change = np.minimum(contrast, amplitude)
+        # Where there is shape all around, more of it is likelier than twice the change.
+        around = mean.of(detail * detail, _OF_NOISE * width)
+        change = np.where(around > _AROUND * noise, change, np.maximum(noise, change))
         signal = np.where(energy > _STRAYS * noise, energy - noise, 0)
         taken = change / np.maximum(energy, np.float32(1e-12))
         gain = np.where(taken < 1 / _SHOWN, 1 - taken, 0)  # eq. 9
