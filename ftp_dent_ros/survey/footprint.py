@@ -36,6 +36,8 @@ class Footprint:
         Of the paraboloid through the points: height, slopes and curvatures along these.
     share : float
         Of a cell, that a point stands for.
+    size : float
+        Lesser side, metres.
     """
 
     middle: NDArray[np.float64]
@@ -43,6 +45,7 @@ class Footprint:
     turn: NDArray[np.float64]
     form: NDArray[np.float64]
     share: float
+    size: float
 
     @classmethod
     def of(cls, cloud: Cloud, tangent: Pose) -> Footprint:
@@ -56,7 +59,8 @@ class Footprint:
         terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=-1)
         form = np.linalg.lstsq(terms, height, rcond=None)[0]
         share = float(every * spacing / CELL) ** 2
-        return cls(tangent.translation, offsets.astype(np.float16), turn, form, share)
+        size = float(min(np.ptp(x), np.ptp(y)))
+        return cls(tangent.translation, offsets.astype(np.float16), turn, form, share, size)
 
     def normals(self, every: int) -> NDArray[np.float64]:
         """Of the skin at every so many-th of the points, shape (m, 3)."""

@@ -79,16 +79,17 @@ def share_kept(earlier: Node, later: Node, seconds: Any = 5.0) -> Any:
     return is_same * np.exp(-abs(later.seconds - earlier.seconds) / seconds)
 
 
-def drift_of(errors: Array, sigmas: Array, seconds: Array) -> Array:
+def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
     """How an autopilot's error of a flight changes: one part is constant, the other drifts.
 
     The mean of all that may be, by their likelihood, for places and for turns.
 
     Parameters
     ----------
-    errors, sigmas : ndarray, shape (n, 6)
-        Of the poses of a flight, but for a constant that nobody knows; and what is stated.
-    seconds : ndarray, shape (n,)
+    errors : ndarray, shape (n, 6)
+        Of poses of a flight, but for a constant that nobody knows.
+    nodes : sequence of Node
+        What is stated of these.
 
     Returns
     -------
@@ -96,7 +97,9 @@ def drift_of(errors: Array, sigmas: Array, seconds: Array) -> Array:
         Share of the variance that drifts, and seconds after which that is another one.
     """
     shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
-    off, gaps, parts = errors / sigmas, np.diff(seconds)[:, None], []
+    sigmas = np.sqrt([np.diag(node.covariance) for node in nodes])
+    gaps = np.diff([node.seconds for node in nodes])[:, None]
+    off, parts = errors / sigmas, list[Array]()
     anew = 2 * np.diag(JITTER) / sigmas[1:] ** 2
     grid = np.array([(share, math.log(time)) for share in shares for time in times])
     for part in (slice(0, 3), slice(3, 6)):
@@ -131,19 +134,16 @@ class PoseGraph:
     Attributes
     ----------
     nodes : list of Node
-    poses : list of Pose
-        As they are found.
     links : list of PairLink
         Each second cloud's number is no less than the last one's.
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
-        self.poses: list[Pose] = []
         self.links: list[PairLink] = []
         # Squares of the links' errors, in variances a direction, as poses were last found.
         self._misfits: dict[int, float] = {}
-        # The poses once more, in arrays.
+        # Of the poses.
         self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self._all_moved = 0
         #: Of the flights that tell it, as of `drift_of`, once all poses are known.
@@ -154,12 +154,20 @@ class PoseGraph:
         self._turns = np.concatenate([self._turns, guess.rotation.as_matrix()[None]])
         self._places = np.concatenate([self._places, guess.translation[None]])
         self.nodes.append(node)
-        self.poses.append(guess)
+
+    @property
+    def poses(self) -> list[Pose]:
+        """As they are found."""
+        return [self.pose(number) for number in range(len(self.nodes))]
+
+    def pose(self, number: int) -> Pose:
+        """Of a cloud's camera, as it is found."""
+        return Pose(Rotation.from_matrix(self._turns[number]), self._places[number].copy())
 
     def carry(self, start: int, move: Pose) -> None:
         """Move the poses from a number on, that are guesses alone."""
         for number in range(start, len(self.nodes)):
-            pose = move @ self.poses[number]
+            pose = move @ self.pose(number)
             self.nodes[number] = replace(self.nodes[number], stated=pose)
             self._put(number, pose)
 
@@ -187,7 +195,7 @@ class PoseGraph:
         some = PoseGraph()
         some.drifts = self.drifts
         for number in numbers:
-            some.add(self.nodes[number], self.poses[number])
+            some.add(self.nodes[number], self.pose(number))
         for index, link in enumerate(self.links[start:], start):
             if link.first in place and link.second in place and index not in left_out:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
@@ -207,18 +215,23 @@ class PoseGraph:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
         self.drifts = {}
         self.solve()
-        drifts, said = {}, _arrays([node.stated for node in self.nodes])
-        errors = _off(self._turns, self._places, *said)
-        spreads = [_ANCHOR if n.covariance is None else n.covariance for n in self.nodes]
-        sigmas = np.sqrt(np.diagonal(spreads, axis1=1, axis2=2))
-        placed = np.array([node.covariance is not None for node in self.nodes])
-        flights, seconds = np.array([(node.flight, node.seconds) for node in self.nodes]).T
-        for flight in np.unique(flights[placed]):
-            groups = np.where(placed & (flights == flight), self.groups(), -1)
+        groups, drifts = self.groups(), {}
+        for flight in {node.flight for node in self.nodes if node.covariance is not None}:
+            placed = [
+                k
+                for k, n in enumerate(self.nodes)
+                if n.flight == flight and n.covariance is not None
+            ]
             # Of poses that nothing ties, errors are not known: those of the most are taken.
-            tied = groups == np.bincount(groups[groups >= 0]).argmax()
-            if tied.sum() > 2:
-                drifts[int(flight)] = drift_of(errors[tied], sigmas[tied], seconds[tied])
+            most = np.bincount(groups[placed]).argmax()
+            tied = [k for k in placed if groups[k] == most]
+            if len(tied) > 2:
+                errors = _off(
+                    self._turns[tied],
+                    self._places[tied],
+                    *_arrays([self.nodes[k].stated for k in tied]),
+                )
+                drifts[flight] = drift_of(errors, [self.nodes[k] for k in tied])
         self.drifts = drifts
         self.solve()
 
@@ -233,11 +246,6 @@ class PoseGraph:
             found = _stepped(terms, *start, np.ones(len(doubted), bool), 1.0)
         count, (turns, places) = len(self.nodes), found
         self._turns, self._places = turns[:count], places[:count]
-        rotations = Rotation.from_matrix(self._turns[fixed:])
-        self.poses[fixed:] = [
-            Pose(rotation, place.copy())
-            for rotation, place in zip(rotations, self._places[fixed:], strict=True)
-        ]
         misfits = terms.misfits(terms.errors(turns, places))
         self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
 
@@ -250,14 +258,13 @@ class PoseGraph:
         )
 
     def _put(self, number: int, pose: Pose) -> None:
-        self.poses[number] = pose
         self._turns[number], self._places[number] = pose.rotation.as_matrix(), pose.translation
 
     def follow(self, number: int) -> None:
         """Put the newest pose where its last link says, as far as that says anything."""
         link = self.links[-1]
         if link.relative.rank == 6:
-            self._put(number, self.poses[link.first] @ link.relative.pose)
+            self._put(number, self.pose(link.first) @ link.relative.pose)
         else:
             self.solve(fixed=number)
 
@@ -339,13 +346,13 @@ def _stepped(
                 (turns, places), errors = there, off
                 break
             step /= 2
-        # Metres and radians; and variances that are no gain.
-        size, is_gain = np.abs(step).max(), gain > 1e-4
-        if tolerance == 1 and (size < 1e-7 or not is_gain):
+        # Variances, of all that is known together, that are no gain.
+        is_gain = gain > 0.1
+        if tolerance == 1 and not is_gain:
             break
         if math.isinf(tolerance):
             # Before pairs are weighed apart.
-            if is_gain and size > 1e-4:
+            if is_gain:
                 continue
             misfits = terms.misfits(errors)
             tolerance = float(misfits[~doubted].max(initial=0.0)) / _HALF
@@ -400,8 +407,8 @@ class Terms:
         self._keep, self._bias, spreads = (
             np.array([row[k] for row in stated]) for k in range(3, 6)
         )
-        said = _arrays([*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)])
-        self._said = [(said[0][each], said[1][each]) for each in (before, at, constant)]
+        said = [*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)]
+        self._said = [_arrays([said[k] for k in each]) for each in (before, at, constant)]
         # Numbers of each term's poses, a third one of what is stated; of links, and of that.
         pairs = [(link.first, link.second, link.second) for link in links]
         self._poses = np.array([*pairs, *zip(before, at, constant, strict=True)], np.intp)

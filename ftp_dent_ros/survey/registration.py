@@ -282,7 +282,8 @@ class Guess:
         """
         shift = ((pose @ self.pose.inverse()).apply(self.centre) - self.centre)[:2]
         far, near = (
-            float(shift @ np.linalg.solve(each[:2, :2], shift)) for each in (self.doubt, self.known)
+            float(shift @ np.linalg.solve(each[:2, :2], shift))
+            for each in (self.doubt, self.known)
         )
         # Of what others tell, one in ten thousand is wrong.
         return shift, far, min(near, far - 2 * np.log(1e-4))

@@ -301,7 +301,7 @@ class FusedSkin:
             for item in bag_clouds(bag, photographs=photographs, unplaced=True):
                 number = numbers.pop(item.stamp_ns, None)
                 if number is not None:
-                    yield item, graph.poses[number], number
+                    yield item, graph.pose(number), number
 
     def inspected(
         self, settings: SmallestDent, photographs: bool = True
@@ -334,7 +334,7 @@ class FusedSkin:
         It is in doubt where more clouds than are tied to that one show the place.
         """
         dent, joined = entry.dent, self._joined
-        known = joined.graph.poses[number], joined.covariances[number]
+        known = joined.graph.pose(number), joined.covariances[number]
         owner, sizes = self.mosaic.owner(dent.position), np.bincount(self._groups)
         if owner >= 0 and sizes[owner] > sizes[self._groups[number]]:
             doubt = (
