@@ -277,21 +277,18 @@ class FusedSkin:
         for number in np.lexsort((self._groups, sizes[self._groups])):
             share = joined.footprints[number].share
             self.mosaic.claim(places[number], share, self._groups[number])
-        # A cloud by itself has none.
+        # What the clouds of a group tell together: of one by itself there is none.
         self._fusions = {
             group: Fusion(
                 skin, *_extent([places[k] for k in np.flatnonzero(self._groups == group)])
             )
             for group in np.flatnonzero(sizes > 1)
         }
-        self._nothing = Fusion(skin, self.mosaic.low - 1, self.mosaic.low - 1)
         for item, pose, number in self._clouds(False):
-            self._fusion(number).add(item.cloud, pose)
+            fusion = self._fusions.get(self._groups[number])
+            if fusion:
+                fusion.add(item.cloud, pose)
             progress()
-
-    def _fusion(self, number: int) -> Fusion:
-        """What the clouds that are tied to one tell together."""
-        return self._fusions.get(self._groups[number], self._nothing)
 
     def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose, int]]:
         """The clouds that were joined, each the first time that it comes, poses and numbers."""
@@ -314,7 +311,8 @@ class FusedSkin:
         graph = self._joined.graph
         among_them = graph.covariances(anchor=len(graph.poses) // 2)
         for item, pose, number in self._clouds(photographs):
-            cloud, covariance = self._fusion(number).fused(item.cloud, pose), among_them[number]
+            fusion, covariance = self._fusions.get(self._groups[number]), among_them[number]
+            cloud = fusion.fused(item.cloud, pose) if fusion else item.cloud
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
@@ -345,8 +343,10 @@ class FusedSkin:
         return replace(entry, dent=dent, position_covariance=spread)
 
     def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
-        """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
-        if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
+        """The skin about a dent by what is tied to a cloud; None if nothing is, or it is cut."""
+        fusion = self._fusions.get(self._groups[number])
+        is_known = not dent.is_cut and dent.length.is_measured and dent.width.is_measured
+        if fusion is None or not is_known:
             return None
         # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
         # and points across, at most.
@@ -355,7 +355,7 @@ class FusedSkin:
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
         plane = DentRelief(spacing, empty).plane(dent)
-        heights = (self._fusion(number).heights(plane) - dent.position) @ dent.normal
+        heights = (fusion.heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
 
 
