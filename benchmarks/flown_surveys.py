@@ -315,6 +315,7 @@ def laps(folder: Path) -> Iterator[Row]:
                 if dent.any()
                 else math.nan,
                 'entries': len(part.result.dents),
+                'steps': sum(each.dent.kind == 'step' for each in part.result.dents),
             },
         )
 
