@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import cross
 from ftp_dent_ros.robust import cauchy, deviation
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
@@ -141,6 +142,6 @@ def _linearised(
     residual: Array, slopes: list[Array], arm: Array, place: Array, spread: float, heights: int
 ) -> PairEquations:
     """Residuals that change by slopes as what lies at the end of arms shifts and turns."""
-    own, other = (np.hstack([each, np.cross(arm, each)]) for each in slopes)
+    own, other = (np.hstack([each, cross(arm, each)]) for each in slopes)
     weight = cauchy(residual, 2.385)
     return PairEquations(residual, own, other, weight, place, heights, spread)

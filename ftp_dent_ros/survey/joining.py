@@ -196,7 +196,7 @@ class Joining:
             relative = self._laid(first, number)
             if relative is not None:
                 self.graph.link(first, number, relative)
-                if number - first == 1 and relative.rank:
+                if number - first == 1 and relative.rank == 6:
                     # A guess for the others that is nearly right.
                     self.graph.follow(number)
 

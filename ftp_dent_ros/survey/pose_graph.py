@@ -261,12 +261,9 @@ class PoseGraph:
         self._turns[number], self._places[number] = pose.rotation.as_matrix(), pose.translation
 
     def follow(self, number: int) -> None:
-        """Put the newest pose where its last link says, as far as that says anything."""
+        """Put the newest pose where its last link says."""
         link = self.links[-1]
-        if link.relative.rank == 6:
-            self._put(number, self.pose(link.first) @ link.relative.pose)
-        else:
-            self.solve(fixed=number)
+        self._put(number, self.pose(link.first) @ link.relative.pose)
 
     def placed(self, numbers: Sequence[int], points: Sequence[Array]) -> Array:
         """Points of shape (n, 3), each in its camera's frame, in the map."""

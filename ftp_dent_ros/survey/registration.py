@@ -243,7 +243,7 @@ def _solved(
 # Pose by the shape alone; and by the coarse paint, as a patch slides and turns on the skin.
 _laid: Callable[..., Pose] = partial(_solved, linearised=of_heights, steps=2)
 _slid: Callable[..., Pose] = partial(
-    _solved, linearised=partial(of_paint, coarse=True), free=[0, 1, 5], steps=2
+    _solved, linearised=partial(of_paint, coarse=True), free=[0, 1, 5], steps=1
 )
 
 
@@ -351,7 +351,7 @@ class Place:
 
 
 def not_worse(places: Iterable[Place], most: int) -> list[Place]:
-    """Of some places the best one, and then those that are not clearly worse: no more than most."""
+    """Of some places the best, then those that are not clearly worse: as many as `most` at most."""
     left: list[Place] = []
     for place in places:
         if not left or place.evidence_against(left[0]) < 0:
