@@ -132,7 +132,7 @@ class Joining:
     def _part(self, numbers: list[int]) -> Joining:
         """Some of the clouds, numbered anew."""
         part, stamps = Joining(), list(self.numbers)
-        part.graph = self.graph.part(numbers, with_left_out=True)
+        part.graph = self.graph.part(numbers)
         part.numbers = {stamps[number]: index for index, number in enumerate(numbers)}
         part.footprints = [self.footprints[number] for number in numbers]
         if any(node.covariance is not None for node in part.graph.nodes):

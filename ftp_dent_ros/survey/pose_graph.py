@@ -185,19 +185,18 @@ class PoseGraph:
         """Number of the first link to a pose or a newer one."""
         return bisect_left(self.links, number, key=lambda link: link.second)
 
-    def part(self, numbers: Sequence[int], with_left_out: bool = False) -> PoseGraph:
+    def part(self, numbers: Sequence[int]) -> PoseGraph:
         """Some of the poses, in rising order, and what joins them, without all others.
 
         What the autopilot says of two says the same of them whether poses lie between or not.
         """
         place = {number: index for index, number in enumerate(numbers)}
-        left_out, start = set() if with_left_out else self.left_out, self.first_link(numbers[0])
-        some = PoseGraph()
+        some, start = PoseGraph(), self.first_link(numbers[0])
         some.drifts = self.drifts
         for number in numbers:
             some.add(self.nodes[number], self.pose(number))
         for index, link in enumerate(self.links[start:], start):
-            if link.first in place and link.second in place and index not in left_out:
+            if link.first in place and link.second in place:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
                 some.link(place[link.first], place[link.second], link.relative)
         return some
@@ -237,25 +236,17 @@ class PoseGraph:
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
-        terms, start = Terms(self, fixed), self._start()
-        # Those that contradicted the others before count from the first step on by how they fit.
-        doubted = np.isin(terms.links, list(self.left_out) if fixed else [])
-        found = _stepped(terms, *start, doubted, math.inf)
-        if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(*start)):
-            # Poses fit no worse than before: no pair that does not fit already pulls.
-            found = _stepped(terms, *start, np.ones(len(doubted), bool), 1.0)
-        count, (turns, places) = len(self.nodes), found
+        terms = Terms(self, fixed)
+        turns, places = _stepped(terms, *self._start())
+        count = len(self.nodes)
         self._turns, self._places = turns[:count], places[:count]
         misfits = terms.misfits(terms.errors(turns, places))
         self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
 
     def _start(self) -> tuple[Array, Array]:
         """Turns and places of all poses, and of the flights' constant errors, from nothing on."""
-        extra = len(self.drifts)
-        return (
-            np.concatenate([self._turns, np.tile(np.eye(3), (extra, 1, 1))]),
-            np.concatenate([self._places, np.zeros((extra, 3))]),
-        )
+        turns, places = _arrays([IDENTITY] * len(self.drifts))
+        return np.concatenate([self._turns, turns]), np.concatenate([self._places, places])
 
     def _put(self, number: int, pose: Pose) -> None:
         self._turns[number], self._places[number] = pose.rotation.as_matrix(), pose.translation
@@ -323,37 +314,28 @@ def _factored(matrix: Any) -> Any:
     )
 
 
-def _stepped(
-    terms: Terms, turns: Array, places: Array, doubted: NDArray[np.bool_], tolerance: float
-) -> tuple[Array, Array]:
-    """Poses after steps at tolerances that fall to 1, from a first one."""
-    errors = terms.errors(turns, places)
+def _stepped(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
+    """Poses after steps of least squares: of all pairs, and then of those that agree.
+
+    The tolerance for errors falls from step to step until it is what they state.
+    """
+    errors, tolerance = terms.errors(turns, places), math.inf
     for _ in range(40):
-        each = np.where(doubted, 1.0, tolerance)
-        jacobian, weighted = terms.weighted(turns, places, errors, each)
-        gradient = weighted @ errors.ravel()
-        step = -_factored(weighted @ jacobian).solve(gradient).reshape(-1, 6)
-        before, gain = terms.cost(errors, each), 0.0
-        # A step is halved so often at most.
-        for _ in range(12):
-            there = _moved(turns, places, terms.fixed, step)
-            off = terms.errors(*there)
-            gain = before - terms.cost(off, each)
-            if gain >= 0:
-                (turns, places), errors = there, off
-                break
-            step /= 2
+        jacobian, weighted = terms.weighted(turns, places, errors, tolerance)
+        step = -_factored(weighted @ jacobian).solve(weighted @ errors.ravel()).reshape(-1, 6)
+        there = _moved(turns, places, terms.fixed, step)
+        off = terms.errors(*there)
+        gain = terms.cost(errors, tolerance) - terms.cost(off, tolerance)
+        if gain > 0:
+            (turns, places), errors = there, off
         # Variances, of all that is known together, that are no gain.
         is_gain = gain > 0.1
+        if is_gain and math.isinf(tolerance):
+            continue
         if tolerance == 1 and not is_gain:
             break
         if math.isinf(tolerance):
-            # Before pairs are weighed apart.
-            if is_gain:
-                continue
-            misfits = terms.misfits(errors)
-            tolerance = float(misfits[~doubted].max(initial=0.0)) / _HALF
-        # By which the tolerance falls from step to step.
+            tolerance = terms.misfits(errors).max(initial=0.0) / _HALF
         tolerance = max(1.0, tolerance / 4.0)
     return turns, places
 
