@@ -209,20 +209,20 @@ def _motions_between(
     motions = []
     # So many are tried.
     for k in order[:400]:
-        one, there = _pair_frame(*(earlier[n] for n in a[rows[k]]))
-        other, here = _pair_frame(*(later[n] for n in b[columns[k]]))
-        turn = Rotation.from_matrix(one @ other.T)
+        (ours, here), (theirs, there) = (
+            _pair([dents[n] for n in pairs[index[k]]])
+            for dents, pairs, index in ((later, b, columns), (earlier, a, rows))
+        )
+        turn, _ = Rotation.align_vectors(theirs, ours)
         motions.append(Pose(turn, there - turn.apply(here)))
     return motions
 
 
-def _pair_frame(first: MeasuredDent, second: MeasuredDent) -> tuple[Array, Array]:
-    """Axes by two places and the skin's normals at them, shape (3, 3), and the middle."""
-    along = second.position - first.position
-    across = np.cross(first.normal + second.normal, along)
-    along, across = along / np.linalg.norm(along), across / np.linalg.norm(across)
-    axes = np.stack([along, across, np.cross(along, across)], axis=1)
-    return axes, (first.position + second.position) / 2
+def _pair(dents: Sequence[MeasuredDent]) -> tuple[Array, Array]:
+    """From one place to the other and the skin's normal, shape (2, 3), and the middle of both."""
+    along = dents[1].position - dents[0].position
+    normal = np.mean([dent.normal for dent in dents], axis=0)
+    return np.stack([along / np.linalg.norm(along), normal]), _positions(dents).mean(axis=0)
 
 
 def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:

@@ -77,7 +77,7 @@ class SkinPatch:
     corner: NDArray[np.float64]
     height: Grid
     sigma: Grid
-    light: Grid | None
+    light: Grid | None = None
 
     @cached_property
     def surface(self) -> Grid:
@@ -291,12 +291,20 @@ def _mean(field: Any, sigma: float) -> Grid:
 
 
 def folded(patch: SkinPatch) -> Callable[[], SkinPatch]:
-    """What makes a patch again, in a tenth of its memory: grids as pictures in small steps."""
+    """What makes a patch again, in a tenth of its memory: its grids as a picture in small steps."""
+    grids = [each for each in (patch.height, patch.sigma, patch.light) if each is not None]
+    low, high = (
+        np.array([[[float(extreme(each))]] for each in grids])
+        for extreme in (np.nanmin, np.nanmax)
+    )
     # Least steps: of heights, metres, a quarter of what no pair is better than; of their
     # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
-    steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
-    grids = [None if grid is None else _folded(grid, least) for grid, least in steps]
-    return partial(_made, patch.frame, patch.pitch, patch.corner, grids)
+    least = np.array([2.5e-7, 1e-6, 5e-4])[: len(grids), None, None]
+    step = np.maximum(least, (high - low) / 65000)
+    # 0 is unknown.
+    whole = np.nan_to_num(np.rint((np.stack(grids) - low) / step) + 1).astype(np.uint16)
+    picture = cv2.imencode('.png', np.concatenate(whole))[1]
+    return partial(_made, patch.frame, patch.pitch, patch.corner, picture, low, step)
 
 
 @lru_cache(maxsize=8)
@@ -305,18 +313,14 @@ def unfolded(make: Callable[[], SkinPatch]) -> SkinPatch:
     return make()
 
 
-def _made(frame: Pose, pitch: float, corner: NDArray[np.float64], grids: list[Any]) -> SkinPatch:
-    return SkinPatch(frame, pitch, corner, *(each and _unfolded(*each) for each in grids))
-
-
-def _folded(grid: Grid, least: float) -> tuple[NDArray[np.uint8], float, float]:
-    """A grid in steps of 16 bits as a PNG file, its lowest value and the step; 0 is unknown."""
-    low, high = float(np.nanmin(grid)), float(np.nanmax(grid))
-    step = max(least, (high - low) / 65000)
-    whole = np.nan_to_num(np.rint((grid - low) / step) + 1).astype(np.uint16)
-    return cv2.imencode('.png', whole)[1], low, step
-
-
-def _unfolded(packed: NDArray[np.uint8], low: float, step: float) -> Grid:
-    whole: Any = cv2.imdecode(packed, cv2.IMREAD_UNCHANGED)
-    return np.where(whole > 0, low + step * (whole - 1.0), np.nan).astype(np.float32)
+def _made(
+    frame: Pose,
+    pitch: float,
+    corner: NDArray[np.float64],
+    picture: Any,
+    low: NDArray[np.float64],
+    step: NDArray[np.float64],
+) -> SkinPatch:
+    whole = np.stack(np.split(np.asarray(cv2.imdecode(picture, cv2.IMREAD_UNCHANGED)), len(low)))
+    grids = np.where(whole > 0, low + step * (whole - 1.0), np.nan).astype(np.float32)
+    return SkinPatch(frame, pitch, corner, *grids)

@@ -96,11 +96,11 @@ def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
     ndarray, shape (2, 6)
         Share of the variance that drifts, and seconds after which that is another one.
     """
-    shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
+    shares, times = expit(np.linspace(-12, 6, 25)), 2.5 * 2.0 ** np.arange(7)
     sigmas = np.sqrt([np.diag(node.covariance) for node in nodes])
     gaps = np.diff([node.seconds for node in nodes])[:, None]
     off, parts = errors / sigmas, list[Array]()
-    anew = 2 * np.diag(JITTER) / sigmas[1:] ** 2
+    anew = np.diag(JITTER) / sigmas[1:] ** 2
     grid = np.array([(share, math.log(time)) for share in shares for time in times])
     for part in (slice(0, 3), slice(3, 6)):
         likelihood = [
@@ -115,13 +115,26 @@ def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
 
 def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
     """Logarithm of that of errors about any constant, of which a share drifts."""
+    keep, part = _as_chain(share, keep, anew)
     steps = np.concatenate([off[:1], off[1:] - keep * off[:-1]])
-    constant = np.concatenate([np.ones((1, 1)), 1 - keep])
-    variance = np.concatenate([np.full((1, 3), share), (1 - keep**2) * share + anew])
+    constant = np.concatenate([np.ones((1, 3)), 1 - keep])
+    variance = np.concatenate([part[:1], (1 - keep**2) * part])
     weight = (constant**2 / variance).sum(axis=0)
     mean = (constant * steps / variance).sum(axis=0) / weight
     squares = np.square(steps - constant * mean) / variance
     return -float((np.log(variance) + squares).sum() + np.log(weight).sum()) / 2
+
+
+def _as_chain(share: Any, keep: Any, anew: Any) -> tuple[Any, Any]:
+    """A drift, and what is another error each time, as one drift: what it keeps, its variance.
+
+    That one changes as much from one time to the next, and averages out as slowly.
+    """
+    change = share * (1 - keep) + anew
+    lasting = share * (1 + keep) / np.maximum(1 - keep, 1e-9) + anew
+    ratio = change / lasting
+    keep = 1 + ratio / 2 - np.sqrt(ratio**2 / 4 + 2 * ratio)
+    return keep, change / (1 - keep)
 
 
 # As long as a flight does not tell: all of an error drifts.
@@ -481,12 +494,13 @@ def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any,
             spread = _ANCHOR if is_adrift else _UNTOLD
             terms.append((index, index, index, nothing, nothing, spread))
         elif last is not None and nodes[last].flight == flight:
-            keep = share_kept(nodes[last], node, seconds)
-            rest, bias = 1 - keep**2, bias * (1 - keep)
+            anew = np.diag(JITTER) / np.diag(node.covariance)
+            keep, part = _as_chain(share, share_kept(nodes[last], node, seconds), anew)
+            rest, bias = (1 - keep**2) * part, bias * (1 - keep)
             if anchor is not None:
                 # Seen from a pose that errs itself, errors differ ever more.
-                rest, keep, bias = 2 * (1 - keep), always, nothing
-            spread = _part(node.covariance, rest * share) + 2 * JITTER
+                rest, keep, bias = 2 * (1 - keep) * part, always, nothing
+            spread = _part(node.covariance, rest)
             terms.append((index, last, constant, keep, bias, spread))
         elif anchor is None:
             spread = _part(node.covariance, share)
