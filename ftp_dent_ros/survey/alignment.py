@@ -117,7 +117,9 @@ def paints(
 ) -> tuple[Grid, Grid, NDArray[np.bool_]]:
     """Paint below samples, their own, both of shape (n, 4), and where both are known, (n,)."""
     layer, values = (
-        (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
+        (first.paints[1], second.coarse_values)
+        if coarse
+        else (first.paints[0], second.paint_values)
     )
     below = first.looked_up(layer, pose.apply(second.paint))
     return below, values, (below[:, 3] > 0.99) & (values[:, 3] > 0)

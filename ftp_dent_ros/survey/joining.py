@@ -227,7 +227,7 @@ class Joining:
             first, second = self._middles([earlier, old])
             # A cloud is kept for later passes where the last that was kept is this part of a patch
             # away.
-            if np.linalg.norm(first - second) < 0.3 * self._size(old):
+            if np.linalg.norm(first - second) < 0.3 * self.footprints[old].size:
                 del self._kept[old]
                 return
         self._kept[old] = partial(unfolded, folded(self._kept[old]()))
@@ -237,7 +237,9 @@ class Joining:
         others = [each for each in self._kept if self._are_passes(each, number)]
         others, far = self._around(number, others, self._closed)
         # No farther apart than this part of both patches' sizes.
-        sizes = self._size(number) + np.array([self._size(each) for each in others])
+        sizes = self.footprints[number].size + np.array(
+            [self.footprints[each].size for each in others]
+        )
         near, chosen = np.flatnonzero(far < 0.6 * sizes), list[int]()
         for index in near[np.argsort(far[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
@@ -264,7 +266,7 @@ class Joining:
         far = np.linalg.norm(places[:-1] - places[-1], axis=1)
         # Pairs on the same skin err alike, and tell alike: this part of a patch from the last, one
         # tells hardly more.
-        is_near = last is not None and far[-1] < 0.5 * self._size(number)
+        is_near = last is not None and far[-1] < 0.5 * self.footprints[number].size
         if is_near and not self._are_passes(last or 0, number):
             return [], far[:0]
         return others, far[:-1]
@@ -282,7 +284,7 @@ class Joining:
         self._searched, groups = number, graph.groups()
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
-        reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self._size(number)
+        reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self.footprints[number].size
         within = np.array(others)[(groups[others] != groups[number]) & (far < reach)].tolist()
         # So many at once, others each time.
         every = max(1, math.ceil(len(within) / 4))
@@ -300,9 +302,6 @@ class Joining:
             # Metres: more than a flight errs in itself, far less than is searched.
             if any(np.linalg.norm(each - place) < 0.01 for each in places):
                 graph.link(other, number, relative)
-
-    def _size(self, number: int) -> float:
-        return self.footprints[number].size
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""

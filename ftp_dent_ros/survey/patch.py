@@ -91,49 +91,35 @@ class SkinPatch:
         return surface
 
     @cached_property
-    def paint(self) -> Grid:
-        """Paint, its slopes along x and y (1/m), and 1 where it is known, else 0.
+    def paints(self) -> tuple[Grid, Grid]:
+        """Paint, its slopes along x and y (1/m), and 1 where it is known, else 0; and smoothed.
 
-        The logarithm of the skin image without the light's slow changes; shape (rows, columns, 4).
+        The logarithm of the skin image without the light's slow changes; each of shape (rows,
+        columns, 4), the smoothed one by a standard deviation of 2 mm.
         """
-        return self._painted(0.0)
-
-    @cached_property
-    def coarse(self) -> Grid:
-        """The same, smoothed: standard deviation 2 mm."""
-        return self._painted(0.002 / self.pitch)
-
-    def _painted(self, width: float) -> Grid:
-        if self.light is None:
-            return np.zeros((*self.height.shape, 4), np.float32)
-        rest, share, inside = self._rest
-        if width:
-            rest = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
-        # Beside what is not known, slopes are those of the mask.
-        reach = 3 + 2 * math.ceil(width)
-        around_it = np.ones((reach, reach), np.uint8)
-        mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        layer: Any = cv2.merge([rest, *slopes(rest, self.pitch), mask.astype(np.float32)])
-        return layer * layer[..., 3:]
-
-    @cached_property
-    def _rest(self) -> tuple[Grid, Grid, NDArray[np.uint8]]:
-        """What light's slow changes leave; 1 where it is known; 1 where it is no rim's."""
-        logarithm = self.light
-        assert logarithm is not None
-        known = np.isfinite(logarithm)
+        values = np.full_like(self.height, np.nan) if self.light is None else self.light
+        known = np.isfinite(values)
         share = known.astype(np.float32)
-        values = np.where(known, logarithm, np.float32(0))
+        values = np.where(known, values, np.float32(0))
         # Light changes slowly along the skin, paint does not: standard deviation of what is taken
         # off, metres.
-        light = 0.006 / self.pitch
-        window = _mean(share, light)
-        around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
+        window = _blurred(share, 0.006 / self.pitch)
+        around = _blurred(values, 0.006 / self.pitch) / np.maximum(window, np.float32(1e-3))
         # Paint that is so far from its surroundings tells no more by being farther.
         rest = np.clip((values - around) * share, -0.7, 0.7)
         # Of the window, that must be known: at a rim, to one side of which the skin and its
         # image's own windows end, light would be taken for paint.
-        return rest, share, (share * (window > 0.93)).astype(np.uint8)
+        inside = (share * (window > 0.93)).astype(np.uint8)
+        width = 0.002 / self.pitch
+        smooth = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
+        layers = []
+        for field, reach in ((rest, 3), (smooth, 3 + 2 * math.ceil(width))):
+            # Beside what is not known, slopes are those of the mask.
+            around_it = np.ones((reach, reach), np.uint8)
+            mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+            layer: Any = cv2.merge([field, *slopes(field, self.pitch), mask.astype(np.float32)])
+            layers.append(layer * layer[..., 3:])
+        return layers[0], layers[1]
 
     @cached_property
     def samples(self) -> Samples:
@@ -141,12 +127,14 @@ class SkinPatch:
         # Distance of heights, metres, and side of the squares: at about this distance errors are
         # independent. And how many at most: more cost time and tell no more.
         step = max(1, round(0.006 / self.pitch))
-        row, column = step * np.array(np.nonzero(self.known[::step, ::step]))
+        known = np.isfinite(self.surface[..., 0])
+        row, column = step * np.array(np.nonzero(known[::step, ::step]))
         some = slice(None, None, -(-len(row) // 3000) or 1)
         row, column = row[some], column[some]
         side = max(1, round(0.004 / self.pitch))
         rows, columns = (size // side for size in self.height.shape)
-        change = np.square(self.paint[..., 1:3]).sum(axis=-1) * self.known
+        paint, coarse = self.paints
+        change = np.square(paint[..., 1:3]).sum(axis=-1) * known
         squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
         squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
         inside = squares.argmax(axis=1)
@@ -160,14 +148,9 @@ class SkinPatch:
             self.points(row, column),
             self.surface[row, column],
             self.points(down, across),
-            self.paint[down, across],
-            self.coarse[down, across],
+            paint[down, across],
+            coarse[down, across],
         )
-
-    @cached_property
-    def known(self) -> NDArray[np.bool_]:
-        """Mask of the cells with a height."""
-        return np.isfinite(self.surface[..., 0])
 
     def points(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> NDArray:
         """Points of cells, shape (n, 3), metres, in the patch's frame."""
@@ -282,16 +265,8 @@ def _blurred(field: Grid, sigma: float) -> Grid:
     return result
 
 
-def _mean(field: Any, sigma: float) -> Grid:
-    """Mean over a wide window, nearly Gaussian: two boxes, which cost the same at any width."""
-    side = 2 * round(sigma * np.sqrt(6) / 2) + 1
-    for _ in range(2):
-        field = cv2.blur(field, (side, side), borderType=cv2.BORDER_CONSTANT)
-    return field
-
-
 def folded(patch: SkinPatch) -> Callable[[], SkinPatch]:
-    """What makes a patch again, in a tenth of its memory: its grids as a picture in small steps."""
+    """What makes a patch again, in a tenth of its memory: its grids as one picture."""
     grids = [each for each in (patch.height, patch.sigma, patch.light) if each is not None]
     low, high = (
         np.array([[[float(extreme(each))]] for each in grids])

@@ -96,7 +96,7 @@ def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
     ndarray, shape (2, 6)
         Share of the variance that drifts, and seconds after which that is another one.
     """
-    shares, times = expit(np.linspace(-12, 6, 25)), 2.5 * 2.0 ** np.arange(7)
+    shares, times = expit(np.linspace(-9, 6, 25)), 2.5 * 2.0 ** np.arange(7)
     sigmas = np.sqrt([np.diag(node.covariance) for node in nodes])
     gaps = np.diff([node.seconds for node in nodes])[:, None]
     off, parts = errors / sigmas, list[Array]()

@@ -351,7 +351,7 @@ class Place:
 
 
 def not_worse(places: Iterable[Place], most: int) -> list[Place]:
-    """Of some places the best, then those that are not clearly worse: as many as `most` at most."""
+    """Of some places the best, then those that are not clearly worse: `most` of them at most."""
     left: list[Place] = []
     for place in places:
         if not left or place.evidence_against(left[0]) < 0:
@@ -409,7 +409,7 @@ def _peaks(
     every = max(1, round(_CELL / first.pitch))
     size = every * first.pitch
     steps = np.ceil(reach / size).astype(int)
-    still, still_known = np.moveaxis(first.coarse[::every, ::every, [0, 3]], -1, 0)
+    still, still_known = np.moveaxis(first.paints[1][::every, ::every, [0, 3]], -1, 0)
     shape = np.array(still.shape) + 2 * steps[::-1]
     # On the first one's grid, that begins so many steps before it. Both are taken for flat: what
     # their heights shift by their difference in tilt is less than a cell.
@@ -418,8 +418,9 @@ def _peaks(
     at = ((grid - pose.translation[:2]) @ back.T - second.corner) / second.pitch
     u, v = np.moveaxis(at.astype(np.float32), -1, 0)
     # What lies beyond is not known; a cell beside it is not, either.
-    known = (remap(second.coarse[..., 3], u, v) > 0.99).astype(np.float32)
-    seen = np.nan_to_num(remap(second.coarse[..., 0], u, v)) * known
+    paint = second.paints[1]
+    known = (remap(paint[..., 3], u, v) > 0.99).astype(np.float32)
+    seen = np.nan_to_num(remap(paint[..., 0], u, v)) * known
     # The second image begins so many steps earlier.
     count, both, ours, theirs = (
         cv2.matchTemplate(one, other, cv2.TM_CCORR)[::-1, ::-1]
