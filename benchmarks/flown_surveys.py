@@ -413,10 +413,11 @@ def repeating(_: Path, count: int = 300) -> Iterator[Row]:
     middle = count // 2
     covariances, ratios, sizes = joining.graph.covariances(anchor=middle), [], []
     found, true = joining.graph.poses[middle].inverse(), poses[middle].inverse()
-    for number, (pose, where) in enumerate(zip(joining.graph.poses, poses, strict=True)):
+    placed = joining.graph.poses
+    for number, (pose, where) in enumerate(zip(placed, poses, strict=True)):
         if number != middle:
             error = difference(found @ pose, true @ where)
-            turn = np.kron(np.eye(2), joining.graph.poses[middle].rotation.as_matrix())
+            turn = np.kron(np.eye(2), placed[middle].rotation.as_matrix())
             error = turn @ error
             ratios.append(math.sqrt(error @ np.linalg.solve(covariances[number], error) / 6))
             sizes.append(MM * np.linalg.norm(error[:3]))

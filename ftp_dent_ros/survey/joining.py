@@ -19,6 +19,8 @@ from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
 from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
 from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
 
+#: Frame of a survey that no autopilot has placed.
+UNPLACED = 'survey'
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
 # Clouds before the newest, and about another, by which the doubt of these two is known.
@@ -37,13 +39,13 @@ class Joining:
         Clouds without an image of the skin.
     footprints : list of Footprint
     frame_id : str
-        Of the poses; the default is that of a survey that no autopilot has placed.
+        Of the poses.
     remarks : list of str
         What could not be used, and why; what was assumed.
     """
 
     def __init__(self) -> None:
-        self.graph, self.frame_id = PoseGraph(), 'survey'
+        self.graph, self.frame_id = PoseGraph(), UNPLACED
         self.numbers: dict[int, int] = {}
         self.without_skin = 0
         self.remarks: list[str] = []

@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.survey.footprint import unrolled
 from ftp_dent_ros.survey.fusion import PIXEL, Fusion
-from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.joining import UNPLACED, Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.result import DentRelief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.writing import skin_of
@@ -158,12 +157,11 @@ def join_bags(
     CloudError
         No cloud can be used, or nothing tells how they lie.
     """
-    joining, unused = Joining(), Counter[str]()
-    remarks, frame_id, without_covariance = joining.remarks, '', 0
+    joining, unused, without_covariance = Joining(), Counter[str](), 0
 
     def leave_out(sentence: str) -> None:
         """Keep what tells of one cloud, and count its reason."""
-        remarks.append(sentence)
+        joining.remarks.append(sentence)
         unused[sentence.partition(': ')[2]] += 1
 
     for flight, bag in enumerate(bags):
@@ -177,12 +175,12 @@ def join_bags(
                 continue
             covariance = item.covariance
             if item.pose is not None:
-                if frame_id not in ('', item.frame_id):
+                if joining.frame_id not in (UNPLACED, item.frame_id):
                     raise BagError(
                         f'{bag.path}: its poses are in {item.frame_id!r}, those before in '
-                        f'{frame_id!r}: survey them one by one'
+                        f'{joining.frame_id!r}: survey them one by one'
                     )
-                frame_id = item.frame_id
+                joining.frame_id = item.frame_id
                 if covariance is None or not np.any(covariance):
                     covariance, without_covariance = _UNKNOWN, without_covariance + 1
             try:
@@ -194,65 +192,52 @@ def join_bags(
         why = next(iter(unused), 'check the clouds')
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: {why}')
     joining.finish()
-    clouds = len(joining.numbers)
+    parts, clouds, without_skin = joining.parts(), len(joining.numbers), joining.without_skin
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
-    counted = (
-        (
-            unplaced,
-            f'of {clouds} clouds have no pose: they are placed by what they share with the others '
-            'alone' + ('' if frame_id else ', in a frame of their own'),
-        ),
-        (without_covariance, 'poses do not state how good they are: 30 mm is taken'),
-        (
-            joining.without_skin,
-            f'of {clouds} clouds have no image of the skin: along the skin only '
-            f'{"the autopilot" if frame_id else "their shape"} tells where they lie; record /skin '
-            'too',
-        ),
-        *((count, f'clouds or messages are not used: {why}') for why, count in unused.items()),
-    )
-    # First what is said of the whole, then cloud by cloud.
-    remarks[:0] = _ties(joining, bags[0].path) + [
-        f'{count} {text}' for count, text in counted if count
-    ]
-    joining.frame_id = frame_id or joining.frame_id
-    return joining
-
-
-def _ties(joining: Joining, source: Path) -> list[str]:
-    """What is to be said if the clouds are no one skin.
-
-    Raises
-    ------
-    CloudError
-        Nothing places them.
-    """
-    parts, clouds, remarks = joining.parts(), len(joining.numbers), []
-    is_placed = any(node.covariance is not None for node in joining.graph.nodes)
-    if len(parts) > 1 and not is_placed and joining.without_skin == clouds:
+    if len(parts) > 1 and unplaced == without_skin == clouds:
         raise CloudError(
-            f'{source}: has neither poses nor images of the skin, and its shape alone does '
+            f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-    if len(parts) > 1:
-        remarks.append(
+    loose = clouds - sum(np.bincount(part.graph.groups()).max() for part in parts)
+    days = (max(joining.numbers) - min(joining.numbers)) // 86_400_000_000_000
+    # First what is said of the whole, then cloud by cloud.
+    said = (
+        (
+            len(parts) > 1,
             f'the clouds are not one skin but {len(parts)} parts, the largest of '
             f'{len(parts[0].numbers)} of {clouds} clouds: only the autopilot tells how these lie '
-            'to each other, if anything does, so that each is surveyed by itself'
-        )
-    loose = clouds - sum(np.bincount(part.graph.groups()).max() for part in parts)
-    if loose:
-        remarks.append(
+            'to each other, if anything does, so that each is surveyed by itself',
+        ),
+        (
+            loose,
             f'{loose} of {clouds} clouds are tied to the most of theirs by poses alone: what '
-            'they show is not averaged with it, and their dents lie as well as the poses do'
-        )
-    days = (max(joining.numbers) - min(joining.numbers)) / 86_400e9
-    if days > 1:
-        remarks.append(
-            f'{days:.0f} days are between the first cloud and the last: what has changed between '
-            'them is averaged; survey the flights one by one, and compare'
-        )
-    return remarks
+            'they show is not averaged with it, and their dents lie as well as the poses do',
+        ),
+        (
+            days,
+            f'{days} days are between the first cloud and the last: what has changed between '
+            'them is averaged; survey the flights one by one, and compare',
+        ),
+        (
+            unplaced,
+            f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
+            f'the others alone{"" if unplaced < clouds else ", in a frame of their own"}',
+        ),
+        (
+            without_covariance,
+            f'{without_covariance} poses do not state how good they are: 30 mm is taken',
+        ),
+        (
+            without_skin,
+            f'{without_skin} of {clouds} clouds have no image of the skin: along the skin only '
+            f'{"the autopilot" if unplaced < clouds else "their shape"} tells where they lie; '
+            'record /skin too',
+        ),
+        *((n, f'{n} clouds or messages are not used: {why}') for why, n in unused.items()),
+    )
+    joining.remarks[:0] = [text for count, text in said if count]
+    return joining
 
 
 class FusedSkin:
