@@ -9,6 +9,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,7 @@ def _as_chain(share: Any, keep: Any, anew: Any) -> tuple[Any, Any]:
     change = share * (1 - keep) + anew
     lasting = share * (1 + keep) / np.maximum(1 - keep, 1e-9) + anew
     ratio = change / lasting
-    keep = 1 + ratio / 2 - np.sqrt(ratio**2 / 4 + 2 * ratio)
+    keep = np.maximum(1 + ratio / 2 - np.sqrt(ratio**2 / 4 + 2 * ratio), 1e-6)
     return keep, change / (1 - keep)
 
 
@@ -395,33 +396,30 @@ class Terms:
         self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
         self._rank = np.array([each.rank for each in relative], float)
         stated = _stated(graph, fixed, anchor)
-        at, before, constant = (np.array([row[k] for row in stated]) for k in range(3))
-        self._keep, self._bias, spreads = (
-            np.array([row[k] for row in stated]) for k in range(3, 6)
-        )
+        pairs = [*((link.first, link.second) for link in links), *(pair for pair, _ in stated)]
+        #: Numbers of each term's two poses.
+        self._poses = np.array(pairs, np.intp).reshape(-1, 2)
+        self._apart = np.diff(self._poses[len(links) :]) != 0
         said = [*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)]
-        self._said = [_arrays([said[k] for k in each]) for each in (before, at, constant)]
-        # Numbers of each term's poses, a third one of what is stated; of links, and of that.
-        pairs = [(link.first, link.second, link.second) for link in links]
-        self._poses = np.array([*pairs, *zip(before, at, constant, strict=True)], np.intp)
+        self._said = [_arrays([said[k] for k in each]) for each in self._poses[len(links) :].T]
         information = [each.information for each in relative]
-        self._information = np.array([*information, *np.linalg.inv(spreads)])
+        self._information = np.array([*information, *(np.linalg.inv(each) for _, each in stated)])
         #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
         self.common = np.array([*(e.common for e in relative), *np.zeros((len(stated), 6, 6))])
 
     def errors(self, turns: Array, places: Array) -> Array:
         """At poses of shape (all, 3, 3) and (all, 3); shape (terms, 6)."""
         count = len(self.links)
-        first, second, _ = self._poses[:count].T
+        first, second = self._poses[:count].T
         back = np.swapaxes(turns[first], 1, 2)
         off = back @ turns[second] @ self._back
         seen = _turned(back, places[second] - places[first])
         of_links = twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
-        then, now, always = (
+        other, own = (
             _off(turns[at], places[at], *said)
             for at, said in zip(self._poses[count:].T, self._said, strict=True)
         )
-        return np.concatenate([of_links, now - self._keep * then - self._bias * always])
+        return np.concatenate([of_links, own - self._apart * other])
 
     def misfits(self, errors: Array) -> Array:
         """Squares of the links' errors, in variances, by their directions; shape (links,)."""
@@ -448,20 +446,19 @@ class Terms:
         back = np.swapaxes(turns[first], 1, 2)
         centre = places[first] + _turned(turns[first], self._centre)
         change = changes(errors[:count])
-        blocks = np.zeros((total, 3, 6, 6))
+        blocks = np.zeros((total, 2, 6, 6))
         for side, sign in enumerate((-1, 1)):
             # A turn of a camera shifts what lies at the end of the arm.
             move = np.zeros((count, 6, 6))
             move[:, :3, :3] = move[:, 3:, 3:] = back
             move[:, :3, 3:] = -back @ crossed(centre - places[self._poses[:count, side]])
             blocks[:count, side] = sign * change @ move
-        blocks[count:, 0] = -self._keep[:, :, None] * np.eye(6)
+        blocks[count:, 0] = self._apart[..., None] * -np.eye(6)
         blocks[count:, 1] = np.eye(6)
-        blocks[count:, 2] = -self._bias[:, :, None] * np.eye(6)
         columns = self._poses - self.fixed
         blocks[columns < 0] = 0
         jacobian = bsr_matrix(
-            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 3 * np.arange(total + 1)),
+            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 2 * np.arange(total + 1)),
             shape=(6 * total, 6 * self.count),
         ).tocsr()
         jacobian.eliminate_zeros()
@@ -472,55 +469,57 @@ class Terms:
         return jacobian, jacobian.T @ weights.tocsr()
 
 
-def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any, ...]]:
-    """What is said of each pose: its number, an earlier one, and that of its flight's constant.
+def _stated(
+    graph: PoseGraph, fixed: int, anchor: int | None
+) -> list[tuple[tuple[int, int], Array]]:
+    """What the autopilot says: how much the errors of two poses may differ, and their numbers.
 
-    And of the errors of the last two the shares that it has, and the covariance of the rest.
+    Of a pose and its flight's constant; or of one by itself, which stands there twice. That an
+    error is near to the constant, and to the last one, is what a drift tells of it.
     """
-    nodes, nothing, always = graph.nodes, np.zeros(6), np.ones(6)
-    terms: list[tuple[Any, ...]] = []
-    stated = [index for index, node in enumerate(nodes) if node.covariance is not None]
-    last_stated = dict(zip(stated[1:], stated, strict=False))
+    nodes, flights = graph.nodes, dict[int, list[int]]()
+    for index, node in enumerate(nodes):
+        if node.covariance is not None:
+            flights.setdefault(node.flight, []).append(index)
+    is_adrift = anchor is None and not flights
+    terms = [
+        ((k, k), _UNTOLD if k or not is_adrift else _ANCHOR)
+        for k in range(fixed, len(nodes))
+        if nodes[k].covariance is None
+    ]
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
-    for index, node in enumerate(nodes[fixed:], fixed):
-        last, flight = last_stated.get(index), node.flight
-        (share, seconds), constant = (
-            graph.drifts.get(flight, _UNKNOWN),
-            constants.get(flight, index),
-        )
-        bias = always if flight in constants else nothing
-        if node.covariance is None:
-            is_adrift = index == 0 and anchor is None and not stated
-            spread = _ANCHOR if is_adrift else _UNTOLD
-            terms.append((index, index, index, nothing, nothing, spread))
-        elif last is not None and nodes[last].flight == flight:
-            anew = np.diag(JITTER) / np.diag(node.covariance)
-            keep, part = _as_chain(share, share_kept(nodes[last], node, seconds), anew)
-            rest, bias = (1 - keep**2) * part, bias * (1 - keep)
-            if anchor is not None:
-                # Seen from a pose that errs itself, errors differ ever more.
-                rest, keep, bias = 2 * (1 - keep) * part, always, nothing
-            spread = _part(node.covariance, rest)
-            terms.append((index, last, constant, keep, bias, spread))
-        elif anchor is None:
-            spread = _part(node.covariance, share)
-            terms.append((index, index, constant, nothing, bias, spread))
-        elif nodes[anchor].flight != flight:
+    for flight, placed in flights.items():
+        share, seconds = graph.drifts.get(flight, _UNKNOWN)
+        some = placed[max(0, bisect_left(placed, fixed) - 1) :]
+        spreads = np.array([nodes[k].covariance for k in some])
+        anew = np.diag(JITTER) / np.diagonal(spreads, axis1=1, axis2=2)
+        kept = np.array([share_kept(nodes[a], nodes[b], seconds) for a, b in pairwise(some)])
+        keep, part = _as_chain(share, kept.reshape(-1, 6), anew[1:])
+        nothing = np.zeros((1, 6))
+        before, after = np.vstack([nothing, keep]), np.vstack([keep, nothing])
+        own = np.vstack([share + anew[:1], part]) / (1 / (1 + before) - after / (1 + after))
+        # Seen from a pose that errs itself, errors differ ever more.
+        apart = part * (1 - keep) * (2 if anchor is not None else (1 + keep) / keep)
+        for k, index in enumerate(some):
+            if index >= fixed and anchor is None:
+                terms.append(((constants.get(flight, index), index), _part(spreads[k], own[k])))
+            if index >= fixed and k:
+                terms.append(((some[k - 1], index), _part(spreads[k], apart[k - 1])))
+        if anchor is not None and nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
-            terms.append((index, index, index, nothing, nothing, 2 * node.covariance))
+            terms.append(((placed[0], placed[0]), 2 * nodes[placed[0]].covariance))
     for flight, at in constants.items():
-        first = next((nodes[k].covariance for k in stated if nodes[k].flight == flight), None)
-        rest = _part(_ANCHOR if first is None else first, 1 - graph.drifts[flight][0])
-        terms.append((at, at, at, nothing, nothing, rest))
+        first = nodes[flights[flight][0]].covariance
+        terms.append(((at, at), _part(first, 1 - graph.drifts[flight][0])))
     if anchor is not None:
-        terms.append((anchor, anchor, anchor, nothing, nothing, _ANCHOR))
+        terms.append(((anchor, anchor), _ANCHOR))
     return terms
 
 
-def _part(covariance: Array, share: Array) -> Array:
+def _part(covariance: Any, share: Array) -> Array:
     """Covariance of which so much is left, axis by axis."""
     root = np.sqrt(share)
-    return covariance * np.outer(root, root)
+    return np.asarray(covariance * np.outer(root, root))
 
 
 def _off(turns: Array, places: Array, said_turns: Array, said: Array) -> Array:
