@@ -242,7 +242,7 @@ def drawn(form: Form, passes: int, turn: Rotation, clouds: int = 8, tilted: bool
         for k in range(clouds):
             cloud, pose = form.seen(0.2 * k - 0.7, APART * (number - (passes - 1) / 2), rng)
             seen.append((cloud, frame @ pose))
-    footprints = [Footprint.of(cloud, patch_of(cloud).frame) for cloud, _ in seen]
+    footprints = [Footprint.of(cloud, patch_of(cloud)) for cloud, _ in seen]
     skin, places = unrolled(footprints, [pose for _, pose in seen])
     flat = np.concatenate(places)[:, :2]
     mosaic = Mosaic(skin, flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05)

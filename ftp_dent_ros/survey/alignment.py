@@ -10,6 +10,7 @@ show remains.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,15 +76,12 @@ class PairEquations:
 def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
     """Equations at a pose of the second patch in the first."""
     heights = of_heights(first, second, pose, centre)
-    paint = of_paint(first, second, pose, centre)
-    return replace(
-        heights,
-        residual=np.concatenate([heights.residual, paint.residual]),
-        own=np.concatenate([heights.own, paint.own]),
-        other=np.concatenate([heights.other, paint.other]),
-        weight=np.concatenate([heights.weight, paint.weight]),
-        place=np.concatenate([heights.place, paint.place]),
-    )
+    both = heights, of_paint(first, second, pose, centre)
+    names = 'residual', 'own', 'other', 'weight', 'place'
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in both]) for name in names
+    }
+    return replace(heights, **joined)
 
 
 def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:

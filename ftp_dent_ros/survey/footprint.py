@@ -16,6 +16,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.patch import SkinPatch
 from ftp_dent_ros.survey.raster import Raster
 from ftp_dent_ros.survey.unrolled import CELL, Unrolled, find_gaps
 
@@ -45,25 +46,24 @@ class Footprint:
     size: float
 
     @classmethod
-    def of(cls, cloud: Cloud, tangent: Pose) -> Footprint:
-        """Of the points that a cloud has, some on its grid, about its tangent plane."""
+    def of(cls, cloud: Cloud, patch: SkinPatch) -> Footprint:
+        """Of the points that a cloud has, some on its grid; its patch tells the normals."""
         spacing = np.nanmedian(np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1))
         # How far apart they are, metres: so many in a cell that its rim shows.
-        every = max(1, int(0.004 / spacing))
-        grid = np.where(cloud.valid[..., None], cloud.points, np.nan)[::every, ::every]
-        # Some hundreds of a cloud tell its form.
-        some = grid[::4, ::4]
-        down, across = np.gradient(some, axis=(0, 1))
-        normals = np.cross(down, across)
-        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-        normals *= -np.sign((normals * some).sum(axis=-1, keepdims=True))
-        few = np.concatenate([some, normals], axis=-1).astype(np.float32)
-        offsets = grid[np.isfinite(grid[..., 0])] - tangent.translation
-        sides = np.ptp(offsets @ tangent.rotation.as_matrix()[:, :2], axis=0)
+        every = max(1, round(0.004 / spacing))
+        points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
+        frame, samples = patch.frame, patch.samples.few
+        slopes = samples.height_values[::4, 1:3]
+        normals = np.column_stack([-slopes, np.ones(len(slopes))])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        # The middle is one of them, however few there are.
+        places = frame.apply(np.vstack([np.zeros(3), samples.heights[::4]]))
+        normals = frame.rotation.apply(np.vstack([[0.0, 0.0, 1.0], normals]))
+        sides = np.ptp(frame.inverse().apply(points)[:, :2], axis=0)
         return cls(
-            tangent.translation,
-            offsets.astype(np.float16),
-            few[np.isfinite(few).all(axis=-1)],
+            frame.translation,
+            (points - frame.translation).astype(np.float16),
+            np.hstack([places, normals]).astype(np.float32),
             float(every * spacing / CELL) ** 2,
             float(sides.min()),
         )

@@ -89,7 +89,7 @@ class Joining:
         """
         # What cannot be joined changes nothing.
         patch = patch_of(cloud)
-        footprint = Footprint.of(cloud, patch.frame)
+        footprint = Footprint.of(cloud, patch)
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)

@@ -97,21 +97,21 @@ def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
     ndarray, shape (2, 6)
         Share of the variance that drifts, and seconds after which that is another one.
     """
-    shares, times = expit(np.linspace(-9, 6, 25)), 2.5 * 2.0 ** np.arange(7)
-    sigmas = np.sqrt([np.diag(node.covariance) for node in nodes])
+    odds, times = np.linspace(-18, 6, 25), np.log(2.5 * 2.0 ** np.arange(7))
+    sigmas = np.sqrt(np.array([node.covariance for node in nodes], float).diagonal(0, 1, 2))
     gaps = np.diff([node.seconds for node in nodes])[:, None]
     off, parts = errors / sigmas, list[Array]()
     anew = np.diag(JITTER) / sigmas[1:] ** 2
-    grid = np.array([(share, math.log(time)) for share in shares for time in times])
+    grid = np.array([(each, time) for each in odds for time in times])
     for part in (slice(0, 3), slice(3, 6)):
         likelihood = [
-            _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), share, anew[:, part])
-            for share, time in grid
+            _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), expit(each), anew[:, part])
+            for each, time in grid
         ]
         chance = np.exp(np.array(likelihood) - max(likelihood))
         parts += 3 * [np.average(grid, axis=0, weights=chance)]
     share, time = np.array(parts).T
-    return np.stack([share, np.exp(time)])
+    return np.stack([expit(share), np.exp(time)])
 
 
 def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
@@ -206,9 +206,10 @@ class PoseGraph:
         """
         place = {number: index for index, number in enumerate(numbers)}
         some, start = PoseGraph(), self.first_link(numbers[0])
-        some.drifts = self.drifts
         for number in numbers:
             some.add(self.nodes[number], self.pose(number))
+        placed = {node.flight for node in some.nodes if node.covariance is not None}
+        some.drifts = {flight: self.drifts[flight] for flight in placed & self.drifts.keys()}
         for index, link in enumerate(self.links[start:], start):
             if link.first in place and link.second in place:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
@@ -228,25 +229,26 @@ class PoseGraph:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
         self.drifts = {}
         self.solve()
-        groups, drifts = self.groups(), {}
-        for flight in {node.flight for node in self.nodes if node.covariance is not None}:
-            placed = [
-                k
-                for k, n in enumerate(self.nodes)
-                if n.flight == flight and n.covariance is not None
-            ]
-            # Of poses that nothing ties, errors are not known: those of the most are taken.
-            most = np.bincount(groups[placed]).argmax()
-            tied = [k for k in placed if groups[k] == most]
-            if len(tied) > 2:
-                errors = _off(
-                    self._turns[tied],
-                    self._places[tied],
-                    *_arrays([self.nodes[k].stated for k in tied]),
-                )
-                drifts[flight] = drift_of(errors, [self.nodes[k] for k in tied])
-        self.drifts = drifts
-        self.solve()
+        # What is learnt of the errors moves the poses that tell of them: after so many times, by
+        # no more than they are unsure of.
+        for _ in range(3):
+            groups, drifts = self.groups(), {}
+            for flight in {node.flight for node in self.nodes if node.covariance is not None}:
+                placed = [
+                    k
+                    for k, node in enumerate(self.nodes)
+                    if node.flight == flight and node.covariance is not None
+                ]
+                # Of poses that nothing ties, errors are not known: those of the most are taken.
+                most = np.bincount(groups[placed]).argmax()
+                tied = [k for k in placed if groups[k] == most]
+                if len(tied) > 2:
+                    nodes = [self.nodes[k] for k in tied]
+                    said = _arrays([node.stated for node in nodes])
+                    errors = _off(self._turns[tied], self._places[tied], *said)
+                    drifts[flight] = drift_of(errors, nodes)
+            self.drifts = drifts
+            self.solve()
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
@@ -507,7 +509,9 @@ def _stated(
                 terms.append(((some[k - 1], index), _part(spreads[k], apart[k - 1])))
         if anchor is not None and nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
-            terms.append(((placed[0], placed[0]), 2 * nodes[placed[0]].covariance))
+            terms.append(
+                ((placed[0], placed[0]), _part(nodes[placed[0]].covariance, 2 * np.ones(6)))
+            )
     for flight, at in constants.items():
         first = nodes[flights[flight][0]].covariance
         terms.append(((at, at), _part(first, 1 - graph.drifts[flight][0])))

@@ -135,7 +135,8 @@ def cells(
     low_place, high_place = place.min(axis=0), place.max(axis=0)
     middle, half = (low_place + high_place) / 2, np.maximum((high_place - low_place) / 2, 1e-12)
     # What bends a camera's grid over a skin is cubic at most.
-    terms = polyvander2d(*((place - middle) / half).T, [3, 3])
+    across, down = ((place - middle) / half).T
+    terms = polyvander2d(across, down, [3, 3])
     weights = np.linalg.lstsq(terms, indices, rcond=None)[0].reshape(4, 4, -1)
     x, y = (low[axis] + size * np.arange(count[axis]) for axis in (0, 1))
     scaled = (x - middle[0]) / half[0], (y - middle[1]) / half[1]
