@@ -322,8 +322,6 @@ def laps(folder: Path) -> Iterator[Row]:
 
 def stated_places(_: Path) -> Iterator[Row]:
     """Places in the map of flights whose poses err by a constant, or by a drift, or by both."""
-    sigma = np.array([3e-5, 2.5e-5, 3e-6, 1.4e-5, 5e-6, 3.3e-5])
-    centre = np.array([0, 0, DISTANCE])
     for count in (24, 150, 1200):
         for kind, constant in (('constant', 1.0), ('drift', 0.0), ('both', 0.5)):
             ratios, stated_mm, yaws = [], [], []
@@ -332,19 +330,8 @@ def stated_places(_: Path) -> Iterator[Row]:
                 poses = back_and_forth(rng, count)
                 said = wandering(rng, poses, constant)
                 graph = PoseGraph()
-                for number, pose in enumerate(said):
-                    graph.add(Node(pose, STATED, 0.5 * number, 0), pose)
-                    others = [number - back for back in (1, 3) if number >= back]
-                    if number % 24 > 18 and number >= 24:
-                        others.append(number - 2 * (number % 24) - 1)
-                    for other in others:
-                        true = poses[other].inverse() @ poses[number]
-                        error = rng.normal(0, sigma)
-                        turn = Rotation.from_rotvec(error[3:])
-                        found = Pose(turn, error[:3] + centre - turn.apply(centre)) @ true
-                        information = np.diag(1 / sigma**2)
-                        link = RelativePose(found, centre, information, 6)
-                        graph.link(other, number, link)
+                for pose in said:
+                    add_tied(graph, rng, poses, pose)
                 graph.settle()
                 covariances = graph.covariances(only=[0, count // 2, count - 1])
                 for which, covariance in zip((0, count // 2, count - 1), covariances, strict=True):
@@ -360,6 +347,40 @@ def stated_places(_: Path) -> Iterator[Row]:
                     'stated yaw degrees': float(np.mean(yaws)),
                 },
             )
+
+
+def add_tied(graph: PoseGraph, rng: np.random.Generator, poses: list[Pose], said: Pose) -> None:
+    """The next of the true poses in a graph, as it is said to be, and tied to others."""
+    sigma = np.array([3e-5, 2.5e-5, 3e-6, 1.4e-5, 5e-6, 3.3e-5])
+    number, centre = len(graph.nodes), np.array([0, 0, DISTANCE])
+    graph.add(Node(said, STATED, 0.5 * number, 0), said)
+    others = [number - back for back in (1, 3) if number >= back]
+    if number % 24 > 18 and number >= 24:
+        others.append(number - 2 * (number % 24) - 1)
+    for other in others:
+        true = poses[other].inverse() @ poses[number]
+        error = rng.normal(0, sigma)
+        turn = Rotation.from_rotvec(error[3:])
+        found = Pose(turn, error[:3] + centre - turn.apply(centre)) @ true
+        graph.link(other, number, RelativePose(found, centre, np.diag(1 / sigma**2), 6))
+
+
+def growing(_: Path) -> Iterator[Row]:
+    """Processor time of moving the poses after each cloud, as a flight grows."""
+    rng = np.random.default_rng(3)
+    poses = back_and_forth(rng, 1200)
+    graph, spent = PoseGraph(), []
+    for count, pose in enumerate(wandering(rng, poses, 0.5), start=1):
+        add_tied(graph, rng, poses, pose)
+        if count > 1:
+            graph.follow(count - 1)
+        began = time.process_time()
+        graph.update()
+        spent.append(MM * (time.process_time() - began))
+        if count in (24, 200, 1200):
+            last = spent[-max(20, count // 5) :]
+            figures = {'ms a cloud': float(np.mean(last)), 'ms at most': max(last)}
+            yield f'poses moved after {count} clouds', figures
 
 
 def difference(pose: Pose, other: Pose) -> NDArray:
@@ -441,6 +462,7 @@ ROWS_OF: dict[str, Callable[[Path], Iterator[Row]]] = {
     'way': way_up,
     'laps': laps,
     'places': stated_places,
+    'growing': growing,
     'repeating': repeating,
 }
 
