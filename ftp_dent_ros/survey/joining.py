@@ -198,8 +198,8 @@ class Joining:
             relative = self._laid(first, number)
             if relative is not None:
                 self.graph.link(first, number, relative)
+                # A guess for the others that is nearly right.
                 if number - first == 1 and relative.rank == 6:
-                    # A guess for the others that is nearly right.
                     self.graph.follow(number)
 
     def _laid(self, first: int, second: int, is_far: bool = False) -> RelativePose | None:
@@ -268,8 +268,8 @@ class Joining:
         far = np.linalg.norm(places[:-1] - places[-1], axis=1)
         # Pairs on the same skin err alike, and tell alike: this part of a patch from the last, one
         # tells hardly more.
-        is_near = last is not None and far[-1] < 0.5 * self.footprints[number].size
-        if is_near and not self._are_passes(last or 0, number):
+        near = 0.5 * self.footprints[number].size
+        if last is not None and far[-1] < near and not self._are_passes(last, number):
             return [], far[:0]
         return others, far[:-1]
 

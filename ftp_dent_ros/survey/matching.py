@@ -41,7 +41,7 @@ _FREE_SHIFT, _FREE_TURN = 0.05, 0.02
 
 @dataclass(frozen=True, eq=False)
 class DentMatching:
-    """The dents of a later survey among those of an earlier one, in places of both.
+    """The dents of a later survey among those of an earlier one.
 
     Attributes
     ----------

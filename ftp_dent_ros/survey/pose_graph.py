@@ -229,8 +229,8 @@ class PoseGraph:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
         self.drifts = {}
         self.solve()
-        # What is learnt of the errors moves the poses that tell of them: after so many times, by
-        # no more than they are unsure of.
+        # What is learnt of the errors moves the poses that it is learnt from: after so many times
+        # hardly any more.
         for _ in range(3):
             groups, drifts = self.groups(), {}
             for flight in {node.flight for node in self.nodes if node.covariance is not None}:
@@ -474,10 +474,10 @@ class Terms:
 def _stated(
     graph: PoseGraph, fixed: int, anchor: int | None
 ) -> list[tuple[tuple[int, int], Array]]:
-    """What the autopilot says: how much the errors of two poses may differ, and their numbers.
+    """What the autopilot says: numbers of two poses, and how much their errors may differ.
 
-    Of a pose and its flight's constant; or of one by itself, which stands there twice. That an
-    error is near to the constant, and to the last one, is what a drift tells of it.
+    They are a pose and the last one, or a pose and its flight's constant: a drift is near to both.
+    Where one error is known by itself, its number stands there twice.
     """
     nodes, flights = graph.nodes, dict[int, list[int]]()
     for index, node in enumerate(nodes):
