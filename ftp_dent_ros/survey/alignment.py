@@ -67,11 +67,6 @@ class PairEquations:
         """Change by the mean of both patches' slopes, shape (n, 6)."""
         return (self.own + self.other) / 2
 
-    @property
-    def gradient(self) -> Array:
-        """Of half the weighted squares, shape (6,)."""
-        return (self.both * (self.weight * self.residual)[:, None]).sum(axis=0)
-
 
 def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
     """Equations at a pose of the second patch in the first."""

@@ -227,12 +227,13 @@ def _solved(
     steps: int = 8,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
-    off, both = np.zeros(6), np.ix_(free, free)
+    off, free_both = np.zeros(6), np.ix_(free, free)
     for _ in range(steps):
         found = linearised(first, samples, pose, centre)
-        normal = found.both.T @ (found.both * found.weight[:, None]) + prior
-        step = np.zeros(6)
-        step[free] = -np.linalg.solve(normal[both], (found.gradient + prior @ off)[free])
+        changes = found.both
+        weighted = changes.T * found.weight
+        gradient, step = weighted @ found.residual + prior @ off, np.zeros(6)
+        step[free] = -np.linalg.solve((weighted @ changes + prior)[free_both], gradient[free])
         pose, off = moved(pose, step, centre), off + step
         # Metres and radians; the last step is by all points, and comes with its information.
         if np.abs(step).max() < 5e-5:
