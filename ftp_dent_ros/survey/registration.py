@@ -8,7 +8,7 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -382,11 +382,8 @@ def candidates(
     across, centre = np.sqrt(np.diag(near.doubt)), near.centre
     # As far as is looked for at most, metres: most of what a cloud sees.
     reach = np.clip(_WITHIN * across[:2], 2 * _CELL, 0.2)
-    steps = int(_WITHIN * across[5] / _TURN)
-    turns = np.arange(-steps, steps + 1) * _TURN
-    turns = turns[np.argsort(np.abs(turns), kind='stable')]
     found: list[tuple[float, NDArray[np.float64]]] = []
-    for turn in turns:
+    for turn in _turns(first, second.samples.few, guess, near):
         # That leaves no doubt that the turn is nearly right.
         if found and found[0][0] > _RIVAL:
             break
@@ -401,6 +398,16 @@ def candidates(
         if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
             kept.append(step)
     return [moved(guess, step, centre) for step in kept]
+
+
+def _turns(first: SkinPatch, few: Samples, guess: Pose, near: Guess) -> Iterator[float]:
+    """Turns about the normal to look at, ever larger ones: as far as doubt and shape allow."""
+    yield 0.0
+    shape = of_heights(first, few, guess, near.centre)
+    _, told, _ = pair_information(shape, near.centre, np.zeros(2))
+    doubt = np.sqrt(np.linalg.inv(np.linalg.inv(near.doubt) + told)[5, 5])
+    for step in range(1, int(_WITHIN * doubt / _TURN) + 1):
+        yield from (step * _TURN, -step * _TURN)
 
 
 def _peaks(
