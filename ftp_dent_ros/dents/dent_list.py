@@ -21,6 +21,7 @@ from ftp_dent_ros.dents.sightings import (
     Sighting,
     agreement,
     assigned,
+    line_along,
     listed,
     sigmas_apart,
 )
@@ -388,7 +389,7 @@ def _are_one_step(each: ListedDent, other: ListedDent) -> bool:
     depth, height = each.dent.depth, other.dent.depth
     # As sizes of one dent agree: standard uncertainties, and a part of the size.
     spread = math.hypot(depth.uncertainty, height.uncertainty, 0.08 * height.value)
-    apart = cdist(each.dent.closed_outline, other.dent.closed_outline).min()
+    apart = cKDTree(each.dent.closed_outline).query(other.dent.closed_outline)[0].min()
     known = np.linalg.eigvalsh(each.position_covariance + other.position_covariance)[-1]
     # Metres: as narrow as the least dent.
     reach = 0.01 if each.group == other.group else 0.01 - 2 * math.sqrt(known)
@@ -399,13 +400,13 @@ def _joined(pieces: Sequence[ListedDent]) -> ListedDent:
     """One step of its pieces, as long as they are together."""
     longest = max(pieces, key=lambda each: each.dent.length.value)
     dent, outline = longest.dent, np.concatenate([each.dent.closed_outline for each in pieces])
+    outline = line_along(dent, outline)
     along = (outline - dent.position) @ dent.axis
-    order = np.argsort(along)
-    middle = outline[np.abs(along - (along.min() + along.max()) / 2).argmin()]
-    length = Estimate(float(np.ptp(along)), dent.length.uncertainty)
+    middle = outline[np.abs(along - (along[0] + along[-1]) / 2).argmin()]
+    length = Estimate(float(along[-1] - along[0]), dent.length.uncertainty)
     return replace(
         pieces[0],
-        dent=replace(dent, position=middle, outline=outline[order], length=length),
+        dent=replace(dent, position=middle, outline=outline, length=length),
         sightings=tuple(seen for each in pieces for seen in each.sightings),
         best=longest.best,
     )

@@ -130,7 +130,8 @@ def listed(number: int, sightings: tuple[Sighting, ...], group: int = 0) -> List
     outline = best.dent.outline + (position - best.dent.position)
     if best.dent.kind == 'step' and not whole:
         # Each shows another piece of it.
-        outline = np.concatenate([item.dent.outline for item in sightings])
+        pieces = np.concatenate([item.dent.outline for item in sightings])
+        outline = line_along(best.dent, pieces)
     dent = replace(
         best.dent,
         position=position,
@@ -178,9 +179,16 @@ def _without_curves(item: Sighting) -> Sighting:
     Of a step all that was seen is its outline.
     """
     none = np.zeros((0, 2))
-    outline = item.dent.outline if item.dent.kind == 'step' else np.zeros((0, 3))
+    is_step = item.dent.kind == 'step'
+    outline = line_along(item.dent, item.dent.outline) if is_step else np.zeros((0, 3))
     bare = replace(item.dent, outline=outline, length_profile=none, width_profile=none)
     return replace(item, dent=bare)
+
+
+def line_along(step: MeasuredDent, outline: Field) -> Field:
+    """Points of an outline in their order along a step, one each 5 mm, shape (n, 3)."""
+    along = (outline - step.position) @ step.axis
+    return outline[np.unique(np.floor(along / 0.005), return_index=True)[1]]
 
 
 def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:
