@@ -242,7 +242,7 @@ def drawn(form: Form, passes: int, turn: Rotation, clouds: int = 8, tilted: bool
         for k in range(clouds):
             cloud, pose = form.seen(0.2 * k - 0.7, APART * (number - (passes - 1) / 2), rng)
             seen.append((cloud, frame @ pose))
-    footprints = [Footprint.of(cloud, patch_of(cloud).frame) for cloud, _ in seen]
+    footprints = [Footprint.of(cloud, patch_of(cloud)) for cloud, _ in seen]
     skin, places = unrolled(footprints, [pose for _, pose in seen])
     flat = np.concatenate(places)[:, :2]
     mosaic = Mosaic(skin, flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05)
@@ -315,14 +315,13 @@ def laps(folder: Path) -> Iterator[Row]:
                 if dent.any()
                 else math.nan,
                 'entries': len(part.result.dents),
+                'steps': sum(each.dent.kind == 'step' for each in part.result.dents),
             },
         )
 
 
 def stated_places(_: Path) -> Iterator[Row]:
     """Places in the map of flights whose poses err by a constant, or by a drift, or by both."""
-    sigma = np.array([3e-5, 2.5e-5, 3e-6, 1.4e-5, 5e-6, 3.3e-5])
-    centre = np.array([0, 0, DISTANCE])
     for count in (24, 150, 1200):
         for kind, constant in (('constant', 1.0), ('drift', 0.0), ('both', 0.5)):
             ratios, stated_mm, yaws = [], [], []
@@ -331,19 +330,8 @@ def stated_places(_: Path) -> Iterator[Row]:
                 poses = back_and_forth(rng, count)
                 said = wandering(rng, poses, constant)
                 graph = PoseGraph()
-                for number, pose in enumerate(said):
-                    graph.add(Node(pose, STATED, 0.5 * number, 0), pose)
-                    others = [number - back for back in (1, 3) if number >= back]
-                    if number % 24 > 18 and number >= 24:
-                        others.append(number - 2 * (number % 24) - 1)
-                    for other in others:
-                        true = poses[other].inverse() @ poses[number]
-                        error = rng.normal(0, sigma)
-                        turn = Rotation.from_rotvec(error[3:])
-                        found = Pose(turn, error[:3] + centre - turn.apply(centre)) @ true
-                        information = np.diag(1 / sigma**2)
-                        link = RelativePose(found, centre, information, 6)
-                        graph.link(other, number, link)
+                for pose in said:
+                    add_tied(graph, rng, poses, pose)
                 graph.settle()
                 covariances = graph.covariances(only=[0, count // 2, count - 1])
                 for which, covariance in zip((0, count // 2, count - 1), covariances, strict=True):
@@ -359,6 +347,40 @@ def stated_places(_: Path) -> Iterator[Row]:
                     'stated yaw degrees': float(np.mean(yaws)),
                 },
             )
+
+
+def add_tied(graph: PoseGraph, rng: np.random.Generator, poses: list[Pose], said: Pose) -> None:
+    """The next of the true poses in a graph, as it is said to be, and tied to others."""
+    sigma = np.array([3e-5, 2.5e-5, 3e-6, 1.4e-5, 5e-6, 3.3e-5])
+    number, centre = len(graph.nodes), np.array([0, 0, DISTANCE])
+    graph.add(Node(said, STATED, 0.5 * number, 0), said)
+    others = [number - back for back in (1, 3) if number >= back]
+    if number % 24 > 18 and number >= 24:
+        others.append(number - 2 * (number % 24) - 1)
+    for other in others:
+        true = poses[other].inverse() @ poses[number]
+        error = rng.normal(0, sigma)
+        turn = Rotation.from_rotvec(error[3:])
+        found = Pose(turn, error[:3] + centre - turn.apply(centre)) @ true
+        graph.link(other, number, RelativePose(found, centre, np.diag(1 / sigma**2), 6))
+
+
+def growing(_: Path) -> Iterator[Row]:
+    """Processor time of moving the poses after each cloud, as a flight grows."""
+    rng = np.random.default_rng(3)
+    poses = back_and_forth(rng, 1200)
+    graph, spent = PoseGraph(), []
+    for count, pose in enumerate(wandering(rng, poses, 0.5), start=1):
+        add_tied(graph, rng, poses, pose)
+        if count > 1:
+            graph.follow(count - 1)
+        began = time.process_time()
+        graph.update()
+        spent.append(MM * (time.process_time() - began))
+        if count in (24, 200, 1200):
+            last = spent[-max(20, count // 5) :]
+            figures = {'ms a cloud': float(np.mean(last)), 'ms at most': max(last)}
+            yield f'poses moved after {count} clouds', figures
 
 
 def difference(pose: Pose, other: Pose) -> NDArray:
@@ -412,10 +434,11 @@ def repeating(_: Path, count: int = 300) -> Iterator[Row]:
     middle = count // 2
     covariances, ratios, sizes = joining.graph.covariances(anchor=middle), [], []
     found, true = joining.graph.poses[middle].inverse(), poses[middle].inverse()
-    for number, (pose, where) in enumerate(zip(joining.graph.poses, poses, strict=True)):
+    placed = joining.graph.poses
+    for number, (pose, where) in enumerate(zip(placed, poses, strict=True)):
         if number != middle:
             error = difference(found @ pose, true @ where)
-            turn = np.kron(np.eye(2), joining.graph.poses[middle].rotation.as_matrix())
+            turn = np.kron(np.eye(2), placed[middle].rotation.as_matrix())
             error = turn @ error
             ratios.append(math.sqrt(error @ np.linalg.solve(covariances[number], error) / 6))
             sizes.append(MM * np.linalg.norm(error[:3]))
@@ -439,6 +462,7 @@ ROWS_OF: dict[str, Callable[[Path], Iterator[Row]]] = {
     'way': way_up,
     'laps': laps,
     'places': stated_places,
+    'growing': growing,
     'repeating': repeating,
 }
 

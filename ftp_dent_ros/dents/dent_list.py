@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from ftp_dent_ros.dents.constellation import GATE, SHARED, groups_shown
-from ftp_dent_ros.dents.dent import MeasuredDent, with_clearances
+from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, with_clearances
 from ftp_dent_ros.dents.glass import Glass, Spot
 from ftp_dent_ros.dents.sightings import (
     ListedDent,
     Sighting,
     agreement,
     assigned,
+    line_along,
     listed,
     sigmas_apart,
 )
@@ -62,7 +65,8 @@ class DentList:
             if not (each.dent.is_cut and any(_is_part(each, other) for other in self._entries))
         ]
         shifts = {entry.group: self._shift(entry.group) for entry in known}
-        dents = with_clearances([_shifted(e.dent, shifts[e.group]) for e in known])
+        known = whole_steps([replace(e, dent=_shifted(e.dent, shifts[e.group])) for e in known])
+        dents = with_clearances([each.dent for each in known])
         return tuple(
             replace(each, dent=dent, maybe=maybe)
             for each, dent, maybe in zip(known, dents, doubles(dents, known), strict=True)
@@ -363,6 +367,49 @@ def _is_part(each: ListedDent, other: ListedDent) -> bool:
     along, across = away @ dent.axis, away @ np.cross(dent.normal, dent.axis)
     # A step has no width, and nothing lies in it.
     return bool(np.hypot(2 * along / dent.length.value, 2 * across / dent.width.value) < 1)
+
+
+def whole_steps(entries: Sequence[ListedDent]) -> list[ListedDent]:
+    """Entries in which the pieces of a step, of which a cloud sees one each, are one."""
+    pieces = [e for e in entries if e.dent.kind == 'step' and e.dent.is_cut]
+    if not pieces:
+        return list(entries)
+    ties = np.array([[_are_one_step(each, other) for each in pieces] for other in pieces])
+    _, numbers = connected_components(ties, directed=False)
+    steps = [
+        _joined([each for each, number in zip(pieces, numbers, strict=True) if number == step])
+        for step in range(max(numbers) + 1)
+    ]
+    rest = [each for each in entries if each not in pieces]
+    return sorted([*rest, *steps], key=lambda entry: entry.number)
+
+
+def _are_one_step(each: ListedDent, other: ListedDent) -> bool:
+    """Whether two pieces of steps are as high, and touch as far as it is known where they lie."""
+    depth, height = each.dent.depth, other.dent.depth
+    # As sizes of one dent agree: standard uncertainties, and a part of the size.
+    spread = math.hypot(depth.uncertainty, height.uncertainty, 0.08 * height.value)
+    apart = cKDTree(each.dent.closed_outline).query(other.dent.closed_outline)[0].min()
+    known = np.linalg.eigvalsh(each.position_covariance + other.position_covariance)[-1]
+    # Metres: as narrow as the least dent.
+    reach = 0.01 if each.group == other.group else 0.01 - 2 * math.sqrt(known)
+    return bool(abs(depth.value - height.value) < 4.0 * spread and apart < reach)
+
+
+def _joined(pieces: Sequence[ListedDent]) -> ListedDent:
+    """One step of its pieces, as long as they are together."""
+    longest = max(pieces, key=lambda each: each.dent.length.value)
+    dent, outline = longest.dent, np.concatenate([each.dent.closed_outline for each in pieces])
+    outline = line_along(dent, outline)
+    along = (outline - dent.position) @ dent.axis
+    middle = outline[np.abs(along - (along[0] + along[-1]) / 2).argmin()]
+    length = Estimate(float(along[-1] - along[0]), dent.length.uncertainty)
+    return replace(
+        pieces[0],
+        dent=replace(dent, position=middle, outline=outline, length=length),
+        sightings=tuple(seen for each in pieces for seen in each.sightings),
+        best=longest.best,
+    )
 
 
 def _is_known(each: ListedDent, other: ListedDent) -> bool:

@@ -127,6 +127,11 @@ def listed(number: int, sightings: tuple[Sighting, ...], group: int = 0) -> List
         [Estimate(t, d.orientation.uncertainty) for t, d in zip(near, dents, strict=True)]
     )
     angle = (best.dent.orientation.value + turn.value + np.pi / 2) % np.pi - np.pi / 2
+    outline = best.dent.outline + (position - best.dent.position)
+    if best.dent.kind == 'step' and not whole:
+        # Each shows another piece of it.
+        pieces = np.concatenate([item.dent.outline for item in sightings])
+        outline = line_along(best.dent, pieces)
     dent = replace(
         best.dent,
         position=position,
@@ -134,7 +139,7 @@ def listed(number: int, sightings: tuple[Sighting, ...], group: int = 0) -> List
         axis=axis,
         orientation=Estimate(float(angle), turn.uncertainty),
         significance=max(d.significance for d in dents),
-        outline=best.dent.outline + (position - best.dent.position),
+        outline=outline,
         **values,
     )
     kept = tuple(item if item is best else _without_curves(item) for item in sightings)
@@ -169,10 +174,21 @@ def _mean_direction(vectors: list[NDArray], like: NDArray) -> NDArray[np.float64
 
 
 def _without_curves(item: Sighting) -> Sighting:
-    """A long flight has many sightings, and only the best one's curves are shown."""
+    """A long flight has many sightings, and only the best one's curves are shown.
+
+    Of a step all that was seen is its outline.
+    """
     none = np.zeros((0, 2))
-    bare = replace(item.dent, outline=np.zeros((0, 3)), length_profile=none, width_profile=none)
+    is_step = item.dent.kind == 'step'
+    outline = line_along(item.dent, item.dent.outline) if is_step else np.zeros((0, 3))
+    bare = replace(item.dent, outline=outline, length_profile=none, width_profile=none)
     return replace(item, dent=bare)
+
+
+def line_along(step: MeasuredDent, outline: Field) -> Field:
+    """Points of an outline in their order along a step, one each 5 mm, shape (n, 3)."""
+    along = (outline - step.position) @ step.axis
+    return outline[np.unique(np.floor(along / 0.005), return_index=True)[1]]
 
 
 def agreement(seen: Sequence[MeasuredDent], known: Sequence[MeasuredDent]) -> Field:

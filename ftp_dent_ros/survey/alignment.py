@@ -10,11 +10,13 @@ show remains.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import cross
 from ftp_dent_ros.robust import cauchy, deviation
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
@@ -65,24 +67,16 @@ class PairEquations:
         """Change by the mean of both patches' slopes, shape (n, 6)."""
         return (self.own + self.other) / 2
 
-    @property
-    def gradient(self) -> Array:
-        """Of half the weighted squares, shape (6,)."""
-        return (self.both * (self.weight * self.residual)[:, None]).sum(axis=0)
-
 
 def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
     """Equations at a pose of the second patch in the first."""
     heights = of_heights(first, second, pose, centre)
-    paint = of_paint(first, second, pose, centre)
-    return replace(
-        heights,
-        residual=np.concatenate([heights.residual, paint.residual]),
-        own=np.concatenate([heights.own, paint.own]),
-        other=np.concatenate([heights.other, paint.other]),
-        weight=np.concatenate([heights.weight, paint.weight]),
-        place=np.concatenate([heights.place, paint.place]),
-    )
+    both = heights, of_paint(first, second, pose, centre)
+    names = 'residual', 'own', 'other', 'weight', 'place'
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in both]) for name in names
+    }
+    return replace(heights, **joined)
 
 
 def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
@@ -116,7 +110,9 @@ def paints(
 ) -> tuple[Grid, Grid, NDArray[np.bool_]]:
     """Paint below samples, their own, both of shape (n, 4), and where both are known, (n,)."""
     layer, values = (
-        (first.coarse, second.coarse_values) if coarse else (first.paint, second.paint_values)
+        (first.paints[1], second.coarse_values)
+        if coarse
+        else (first.paints[0], second.paint_values)
     )
     below = first.looked_up(layer, pose.apply(second.paint))
     return below, values, (below[:, 3] > 0.99) & (values[:, 3] > 0)
@@ -141,6 +137,6 @@ def _linearised(
     residual: Array, slopes: list[Array], arm: Array, place: Array, spread: float, heights: int
 ) -> PairEquations:
     """Residuals that change by slopes as what lies at the end of arms shifts and turns."""
-    own, other = (np.hstack([each, np.cross(arm, each)]) for each in slopes)
+    own, other = (np.hstack([each, cross(arm, each)]) for each in slopes)
     weight = cauchy(residual, 2.385)
     return PairEquations(residual, own, other, weight, place, heights, spread)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -64,14 +65,6 @@ class ComparedDent:
         By the quantity: of one that is whole in both.
     reason : str
         Why nothing more can be said.
-    location : ndarray, shape (3,)
-        Station, buttock line and water line, or a place in the later survey's frame; metres.
-    uncertainty : float
-        Standard uncertainty of that along its worst direction, metres.
-    first_seen : str
-        Date.
-    findings : tuple of Judgement
-        What the user's limits say of it.
     """
 
     status: str
@@ -79,10 +72,6 @@ class ComparedDent:
     later: SurveyedDent | None
     changes: Mapping[str, Change]
     reason: str = ''
-    location: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
-    uncertainty: float = math.nan
-    first_seen: str = ''
-    findings: tuple[Judgement, ...] = ()
 
     @property
     def shown(self) -> SurveyedDent:
@@ -121,6 +110,31 @@ class Comparison:
     scales: Mapping[str, CommonFactor]
     frame: AircraftFrame | None = None
     rules: Rules | None = None
+
+    @cached_property
+    def findings(self) -> dict[str, tuple[Judgement, ...]]:
+        """What the limits say of the dents that are there, by their numbers."""
+        there = {each.number: each.later.dent for each in self.dents if each.later}
+        judged = self.rules.judge(list(there.values())) if self.rules else ()
+        return dict(zip(there, judged, strict=False))
+
+    def located(self, each: ComparedDent) -> tuple[NDArray[np.float64], float]:
+        """Location of a dent, shape (3,), and its standard uncertainty along its worst direction.
+
+        Station, buttock line and water line, or a place in the later survey's frame; metres.
+        """
+        place, covariance = each.shown.dent.position, each.shown.position_covariance
+        among = CENTRE
+        if each.later is None:
+            places, spread = self.matching.in_later(place[None])
+            place, among = places[0], math.hypot(CENTRE, float(spread[0]))
+        if self.frame is not None:
+            place, covariance = self.frame.place(place, among**2)
+        return place, math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+
+    def first_seen(self, each: ComparedDent) -> str:
+        """Date."""
+        return date_of((self.earlier if each.earlier else self.later).taken_ns)
 
 
 def compare(
@@ -173,32 +187,7 @@ def compare(
             -np.nan_to_num(abs(each.shown.dent.depth.value)),
         )
     )
-    there = [each.later.dent for each in found if each.later]
-    judged = iter(rules.judge(there) if rules else [()] * len(there))
-    for index, each in enumerate(found):
-        location, uncertainty = _located(each, matching, frame)
-        found[index] = replace(
-            each,
-            location=location,
-            uncertainty=uncertainty,
-            first_seen=date_of((earlier if each.earlier else later).taken_ns),
-            findings=next(judged) if each.later else (),
-        )
     return Comparison(earlier, later, tuple(found), matching, scales, frame, rules)
-
-
-def _located(
-    each: ComparedDent, matching: DentMatching, frame: AircraftFrame | None
-) -> tuple[NDArray[np.float64], float]:
-    """Location of a dent in the later survey's frame or another, and its uncertainty."""
-    place, covariance = each.shown.dent.position, each.shown.position_covariance
-    among = CENTRE
-    if each.later is None:
-        places, spread = matching.in_later(place[None])
-        place, among = places[0], math.hypot(CENTRE, float(spread[0]))
-    if frame is not None:
-        place, covariance = frame.place(place, among**2)
-    return place, math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
 
 
 def _alone(
@@ -227,21 +216,26 @@ def _with_doubts(found: list[ComparedDent], matching: DentMatching) -> list[Comp
     places, spread = matching.in_later(np.stack([each.dent.position for each in before]))
     apart = np.stack([each.dent.position for each in after]) - places[:, None]
     turn = matching.motion.rotation.inv().as_matrix()
-    known = np.stack([turn @ each.position_covariance @ turn.T for each in before])
+    known = turn @ np.stack([each.position_covariance for each in before]) @ turn.T
     known = known + np.square(spread)[:, None, None] * np.eye(3)
     both = known[:, None] + np.stack([each.position_covariance for each in after])
     far = sigmas_apart(apart, both)
     alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
-    doubts, taken = [], set()
-    for i, j in zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True):
-        away = 1e3 * float(np.linalg.norm(apart[i, j]))
-        reason = (
-            f'may be number {before[i].number} of before: {away:.0f} mm from it, where '
-            f'the places are known within {position_interval(both[i, j])}'
+    pairs = list(zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True))
+    doubts = [
+        ComparedDent(
+            'in doubt',
+            before[i],
+            after[j],
+            {},
+            f'may be number {before[i].number} of before: '
+            f'{1e3 * float(np.linalg.norm(apart[i, j])):.0f} mm from it, where the places are '
+            f'known within {position_interval(both[i, j])}',
         )
-        doubts.append(ComparedDent('in doubt', before[i], after[j], {}, reason))
-        taken |= {id(unseen[i]), id(first[j])}
-    return [*(each for each in found if id(each) not in taken), *doubts]
+        for i, j in pairs
+    ]
+    taken = [each for i, j in pairs for each in (unseen[i], first[j])]
+    return [*(each for each in found if each not in taken), *doubts]
 
 
 def _why_not_found(
@@ -273,13 +267,14 @@ def chart_csv(comparison: Comparison) -> str:
     names = ('station', 'buttock_line', 'water_line') if comparison.frame else ('x', 'y', 'z')
     records = []
     for each in comparison.dents:
-        dent, worst = each.shown.dent, verdict(each.findings)
+        dent, findings = each.shown.dent, comparison.findings.get(each.number, ())
+        worst, (location, uncertainty) = verdict(findings), comparison.located(each)
         record: dict[str, Any] = {
             'number': each.number,
             'status': each.status,
             'kind': dent.kind,
-            **{f'{n}_mm': float(v) * 1e3 for n, v in zip(names, each.location, strict=True)},
-            'location_uncertainty_mm': each.uncertainty * 1e3,
+            **{f'{n}_mm': float(v) * 1e3 for n, v in zip(names, location, strict=True)},
+            'location_uncertainty_mm': uncertainty * 1e3,
         }
         record |= dent.figures(
             ('length_mm', 'width_mm', 'depth_mm', 'width_to_depth', 'clearance_mm')
@@ -289,11 +284,11 @@ def chart_csv(comparison: Comparison) -> str:
             record[f'{quantity}_growth_mm'] = change and change.estimate.value * 1e3
             record[f'{quantity}_growth_95_percent_mm'] = change and change.half * 1e3
         record |= {
-            'date_first_seen': each.first_seen,
+            'date_first_seen': comparison.first_seen(each),
             'number_before': None if each.earlier is None else each.earlier.number,
             'limit': worst,
             'reference': '; '.join(
-                dict.fromkeys(f.limit.reference for f in each.findings if f.verdict == worst)
+                dict.fromkeys(f.limit.reference for f in findings if f.verdict == worst)
             ),
             'is_cut': dent.is_cut,
             'remark': each.reason,
@@ -307,7 +302,11 @@ def comparison_page(comparison: Comparison) -> str:
     groups = [
         {'status': status, 'meaning': meaning, 'rows': found}
         for status, meaning in STATUSES.items()
-        if (found := [_cells(each) for each in comparison.dents if each.status == status])
+        if (
+            found := [
+                _cells(each, comparison) for each in comparison.dents if each.status == status
+            ]
+        )
     ]
     return render(
         'ftp_dent_ros.survey',
@@ -317,7 +316,7 @@ def comparison_page(comparison: Comparison) -> str:
         headline=headline(comparison.dents) or 'No dents',
         facts=_facts(comparison),
         groups=groups,
-        map=_map(comparison.dents),
+        map=_map(comparison),
         location='Station, buttock line, water line' if comparison.frame else 'Location x, y, z',
         rules=comparison.rules,
     )
@@ -353,7 +352,8 @@ def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     return [*facts, ('Software', f'ftp_dent_ros {__version__}')]
 
 
-def _cells(row: ComparedDent) -> dict[str, Any]:
+def _cells(row: ComparedDent, comparison: Comparison) -> dict[str, Any]:
+    location, uncertainty = comparison.located(row)
     dent, change, signed = row.shown.dent, row.changes.get('depth'), ('–', '')
     if change and change.estimate.is_measured and math.isfinite(change.half):
         signed = f'{change.estimate.value * 1e3:+.3f}', f'± {change.half * 1e3:.3f}'
@@ -367,10 +367,10 @@ def _cells(row: ComparedDent) -> dict[str, Any]:
         'ratio': interval(dent.width_to_depth, 1.0),
         'clearance': interval(dent.clearance_estimate, finest=1),
         'growth': signed,
-        'location': [f'{value:.3f}' for value in row.location],
-        'spread': spread(row.uncertainty),
-        'first_seen': row.first_seen,
-        'verdict': verdict(row.findings),
+        'location': [f'{value:.3f}' for value in location],
+        'spread': spread(uncertainty),
+        'first_seen': comparison.first_seen(row),
+        'verdict': verdict(comparison.findings.get(row.number, ())),
         'cut': dent.is_cut,
         'others': '; '.join(
             f'{quantity} {each.estimate.value * 1e3:+.2f} ± {each.half * 1e3:.2f} mm'
@@ -381,11 +381,12 @@ def _cells(row: ComparedDent) -> dict[str, Any]:
     }
 
 
-def _map(rows: Sequence[ComparedDent]) -> dict[str, Any] | None:
+def _map(comparison: Comparison) -> dict[str, Any] | None:
     """Where the dents lie, on the plane that they spread along."""
+    rows = comparison.dents
     if len(rows) < 2:
         return None
-    places = np.stack([row.location for row in rows])
+    places = np.stack([comparison.located(row)[0] for row in rows])
     middle = places.mean(axis=0)
     _, _, axes = np.linalg.svd(places - middle, full_matrices=False)
     flat = (places - middle) @ axes[:2].T

@@ -16,6 +16,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.patch import SkinPatch
 from ftp_dent_ros.survey.raster import Raster
 from ftp_dent_ros.survey.unrolled import CELL, Unrolled, find_gaps
 
@@ -30,45 +31,42 @@ class Footprint:
         Metres.
     offsets : ndarray, shape (n, 3), float16
         Of the points from it, metres.
-    turn : ndarray, shape (3, 3)
-        Along the skin, across and out of it, towards the camera; columns.
-    form : ndarray, shape (6,)
-        Of the paraboloid through the points: height, slopes and curvatures along these.
+    few : ndarray, shape (m, 6), float32
+        Some points, metres, and the skin's normals there, towards the camera.
     share : float
         Of a cell, that a point stands for.
+    size : float
+        Lesser side, metres.
     """
 
     middle: NDArray[np.float64]
     offsets: NDArray[np.float16]
-    turn: NDArray[np.float64]
-    form: NDArray[np.float64]
+    few: NDArray[np.float32]
     share: float
+    size: float
 
     @classmethod
-    def of(cls, cloud: Cloud, tangent: Pose) -> Footprint:
-        """Of the points that a cloud has, some on its grid, about its tangent plane."""
+    def of(cls, cloud: Cloud, patch: SkinPatch) -> Footprint:
+        """Of the points that a cloud has, some on its grid; its patch tells the normals."""
         spacing = np.nanmedian(np.linalg.norm(np.diff(cloud.points[::16], axis=1), axis=-1))
         # How far apart they are, metres: so many in a cell that its rim shows.
-        every = max(1, int(0.004 / spacing))
+        every = max(1, round(0.004 / spacing))
         points = cloud.points[::every, ::every][cloud.valid[::every, ::every]]
-        offsets, turn = points - tangent.translation, tangent.rotation.as_matrix()
-        x, y, height = (offsets @ turn).T
-        terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=-1)
-        form = np.linalg.lstsq(terms, height, rcond=None)[0]
-        share = float(every * spacing / CELL) ** 2
-        return cls(tangent.translation, offsets.astype(np.float16), turn, form, share)
-
-    def normals(self, every: int) -> NDArray[np.float64]:
-        """Of the skin at every so many-th of the points, shape (m, 3)."""
-        x, y, _ = (self.offsets[::every] @ self.turn).T
-        _, along, across, xx, xy, yy = self.form
-        slopes = along + xx * x + xy * y, across + xy * x + yy * y
-        out = np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=-1) @ self.turn.T
-        return out / np.linalg.norm(out, axis=1)[:, None]
-
-    def points(self, every: int = 1) -> NDArray[np.float64]:
-        """Every so many-th of the points, shape (m, 3), metres."""
-        return self.middle + self.offsets[::every]
+        frame, samples = patch.frame, patch.samples.few
+        slopes = samples.height_values[::4, 1:3]
+        normals = np.column_stack([-slopes, np.ones(len(slopes))])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        # The middle is one of them, however few there are.
+        places = frame.apply(np.vstack([np.zeros(3), samples.heights[::4]]))
+        normals = frame.rotation.apply(np.vstack([[0.0, 0.0, 1.0], normals]))
+        sides = np.ptp(frame.inverse().apply(points)[:, :2], axis=0)
+        return cls(
+            frame.translation,
+            (points - frame.translation).astype(np.float16),
+            np.hstack([places, normals]).astype(np.float32),
+            float(every * spacing / CELL) ** 2,
+            float(sides.min()),
+        )
 
 
 def unrolled(
@@ -76,14 +74,15 @@ def unrolled(
 ) -> tuple[Unrolled, list[NDArray[np.float32]]]:
     """The skin through clouds where their cameras were, and the places of their points on it."""
     both = list(zip(poses, footprints, strict=True))
-    # Some 5000 in all tell the skin's form.
-    every = max(1, sum(len(each.offsets) for each in footprints) // 5000)
-    few = np.concatenate([pose.apply(each.points(every)) for pose, each in both])
-    normals = np.concatenate([pose.rotation.apply(each.normals(every)) for pose, each in both])
+    few = np.concatenate([pose.apply(each.few[:, :3]) for pose, each in both])
+    normals = np.concatenate([pose.rotation.apply(each.few[:, 3:]) for pose, each in both])
+    # Some thousands in all tell the skin's form.
+    every = max(1, len(few) // 5000)
     # In the map; of a level skin, in the pictures.
     up = np.mean([pose.rotation.apply([0.0, -0.1, 0.0]) for pose in poses], axis=0)
-    skin = Unrolled.through(few, normals, up + np.array([0.0, 0.0, 1.0]))
-    return skin, [skin.place(pose.apply(each.points())).astype(np.float32) for pose, each in both]
+    skin = Unrolled.through(few[::every], normals[::every], up + np.array([0.0, 0.0, 1.0]))
+    places = [skin.place(pose.apply(each.middle + each.offsets)) for pose, each in both]
+    return skin, [each.astype(np.float32) for each in places]
 
 
 class SeenSkin(Raster):

@@ -73,8 +73,6 @@ class Fusion(Raster):
         """
         places = self.places(cloud, pose)
         window = self.window(places[cloud.valid])
-        if window is None:
-            return cloud
         mean, wavelength, scattered = self._together(window)
         u, v = self.in_pixels(np.where(cloud.valid[..., None], places, -np.inf), window)
         height = remap(mean, u, v, cv2.INTER_CUBIC)
@@ -102,8 +100,6 @@ class Fusion(Raster):
         """
         flat = self.skin.place(places)[..., :2]
         window = self.window(flat.reshape(-1, 2))
-        if window is None:
-            return np.full(places.shape, np.nan)
         at = self.in_pixels(flat, window)
         height = remap(self._together(window)[0], *at, cv2.INTER_CUBIC)
         return self.skin.points(flat, height.astype(float))

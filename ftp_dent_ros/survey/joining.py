@@ -19,6 +19,8 @@ from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
 from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
 from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
 
+#: Frame of a survey that no autopilot has placed.
+UNPLACED = 'survey'
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
 # Clouds before the newest, and about another, by which the doubt of these two is known.
@@ -37,22 +39,25 @@ class Joining:
         Clouds without an image of the skin.
     footprints : list of Footprint
     frame_id : str
-        Of the poses; the default is that of a survey that no autopilot has placed.
+        Of the poses.
     remarks : list of str
         What could not be used, and why; what was assumed.
     """
 
     def __init__(self) -> None:
-        self.graph, self.frame_id = PoseGraph(), 'survey'
+        self.graph, self.frame_id = PoseGraph(), UNPLACED
         self.numbers: dict[int, int] = {}
         self.without_skin = 0
         self.remarks: list[str] = []
-        # Those that clouds to come may be laid on; and the lesser side of each cloud's, metres.
+        # Those that clouds to come may be laid on.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
-        self._sizes: list[float] = []
-        self._last_closed = self._last_slid = self._last_searched = -1
-        # Pairs that may tie flights, if another one says the same.
-        self._maybe: list[PairLink] = []
+        # The last clouds that were laid on another pass, that slid along it, and that were looked
+        # for in other flights.
+        self._closed: int | None = None
+        self._slid: int | None = None
+        self._searched: int | None = None
+        # Pairs that may tie two flights, if another one says the same.
+        self._maybe: dict[tuple[int, int], list[PairLink]] = {}
         self.footprints: list[Footprint] = []
 
     def add(
@@ -84,8 +89,7 @@ class Joining:
         """
         # What cannot be joined changes nothing.
         patch = patch_of(cloud)
-        size = float(np.ptp(patch.samples.heights[:, :2], axis=0).min())
-        footprint = Footprint.of(cloud, patch.frame)
+        footprint = Footprint.of(cloud, patch)
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
@@ -94,18 +98,14 @@ class Joining:
         stated = (guess, None) if pose is None else (pose, covariance)
         self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
-        self._sizes.append(size)
         self.footprints.append(footprint)
         self._kept[number] = lambda: patch
-        before = [number - back for back in _BACK if number >= back]
-        for other in (each for each in before if self.graph.nodes[each].flight == flight):
-            self._join(other, number)
-        for other in self._closures(number):
-            self._join(other, number)
+        self._follow(number)
+        self._close(number)
         self._search(number)
         self.graph.update()
         self._forget(number)
-        return self.graph.poses[number]
+        return self.graph.pose(number)
 
     def finish(self) -> None:
         """Move all poses to where they agree best, and tell what was left out.
@@ -134,7 +134,7 @@ class Joining:
     def _part(self, numbers: list[int]) -> Joining:
         """Some of the clouds, numbered anew."""
         part, stamps = Joining(), list(self.numbers)
-        part.graph = self.graph.part(numbers, with_left_out=True)
+        part.graph = self.graph.part(numbers)
         part.numbers = {stamps[number]: index for index, number in enumerate(numbers)}
         part.footprints = [self.footprints[number] for number in numbers]
         if any(node.covariance is not None for node in part.graph.nodes):
@@ -175,7 +175,7 @@ class Joining:
     def _guess(self, stated: Pose | None, flight: int) -> Pose:
         if not self.graph.nodes:
             return stated or IDENTITY
-        last, there = self.graph.nodes[-1], self.graph.poses[-1]
+        last, there = self.graph.nodes[-1], self.graph.pose(-1)
         if stated is None:
             return there
         is_told = last.covariance is not None and last.flight == flight
@@ -187,53 +187,37 @@ class Joining:
         start = len(placed) - placed[::-1].index(True) if True in placed else 0
         links = graph.links[graph.first_link(start) :]
         if start < len(placed) and all(link.first >= start for link in links):
-            graph.carry(start, pose @ graph.poses[-1].inverse())
+            graph.carry(start, pose @ graph.pose(-1).inverse())
 
-    def _join(self, first: int, second: int) -> None:
-        """Lay a cloud on an earlier one, of the same pass or another."""
-        relative = self._laid(first, second)
-        if relative is None or not self._is_wanted(first, second, relative):
-            return
-        self.graph.link(first, second, relative)
-        if second - first > 1 or self._are_passes(first, second):
-            return
-        if relative.remark and self._kept[second]().light is not None:
-            self.remarks.append(self._about(first, second, relative.remark))
-        if relative.rank:
-            # A guess for the others that is nearly right.
-            self.graph.follow(second)
-
-    def _is_wanted(self, first: int, second: int, relative: RelativePose) -> bool:
-        """Whether a pair tells more than those before it.
-
-        Where marks do not tell how far another pass is slid along this one, the autopilot alone
-        does. Pairs share its error while it lasts: one stands for all, or many would be too sure.
-        """
-        if not self._are_passes(first, second):
-            return True
-        nodes, last = self.graph.nodes, self._last_slid
-        if relative.rank == 6:
-            self._last_closed = second
-            return True
-        # Share of an autopilot's error below which it is taken for another one: one in twenty.
-        if last in (-1, second) or share_kept(nodes[last], nodes[second]) < 0.05:
-            self._last_slid = second
-        return self._last_slid == second
+    def _follow(self, number: int) -> None:
+        """Lay a cloud on those before it in its flight."""
+        nodes = self.graph.nodes
+        for first in (number - back for back in _BACK):
+            if first < 0 or nodes[first].flight != nodes[number].flight:
+                continue
+            relative = self._laid(first, number)
+            if relative is not None:
+                self.graph.link(first, number, relative)
+                # A guess for the others that is nearly right.
+                if number - first == 1 and relative.rank == 6:
+                    self.graph.follow(number)
 
     def _laid(self, first: int, second: int, is_far: bool = False) -> RelativePose | None:
         """Pose of a cloud seen from an earlier one, however far off; None if it does not fit."""
         graph, patches = self.graph, (self._kept[first](), self._kept[second]())
-        guess = graph.poses[first].inverse() @ graph.poses[second]
+        guess = graph.pose(first).inverse() @ graph.pose(second)
         if is_far:
             guess = laid_over(*patches, guess)
         is_known = not is_far and bool(graph.links) and graph.links[-1].second == second
         known = doubt_by_links(graph, first, second) if is_known else None
         try:
-            return register(*patches, guess, doubt_by_autopilot(graph, first, second), known)
+            relative = register(*patches, guess, doubt_by_autopilot(graph, first, second), known)
+            why = '' if patches[1].light is None else relative.remark
         except UnlikePairError as reason:
-            if second - first == 1 and not is_far:
-                self.remarks.append(self._about(first, second, str(reason)))
-            return None
+            relative, why = None, str(reason)
+        if why and second - first == 1 and not is_far:
+            self.remarks.append(self._about(first, second, why))
+        return relative
 
     def _forget(self, number: int) -> None:
         """Keep the last patches, and of the others as many as later passes need."""
@@ -245,32 +229,47 @@ class Joining:
             first, second = self._middles([earlier, old])
             # A cloud is kept for later passes where the last that was kept is this part of a patch
             # away.
-            if np.linalg.norm(first - second) < 0.3 * self._sizes[old]:
+            if np.linalg.norm(first - second) < 0.3 * self.footprints[old].size:
                 del self._kept[old]
                 return
         self._kept[old] = partial(unfolded, folded(self._kept[old]()))
 
-    def _closures(self, number: int) -> list[int]:
-        """Of other passes that show the same skin, the nearest cloud of each."""
+    def _close(self, number: int) -> None:
+        """Lay a cloud on other passes that show the same skin, on the nearest cloud of each."""
         others = [each for each in self._kept if self._are_passes(each, number)]
-        others, far = self._around(number, others, self._last_closed)
+        others, far = self._around(number, others, self._closed)
         # No farther apart than this part of both patches' sizes.
-        sizes = np.array([self._sizes[each] for each in others]) + self._sizes[number]
+        sizes = self.footprints[number].size + np.array(
+            [self.footprints[each].size for each in others]
+        )
         near, chosen = np.flatnonzero(far < 0.6 * sizes), list[int]()
         for index in near[np.argsort(far[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
-        return chosen[:2]
+        for other in chosen[:2]:
+            relative = self._laid(other, number)
+            if relative is None:
+                continue
+            self._closed, nodes = number, self.graph.nodes
+            # Where marks do not tell how far another pass is slid along this one, the autopilot
+            # alone does. Pairs share its error while it lasts: one stands for all, or many would
+            # be too sure. It is taken for another one when one part in twenty is left.
+            if relative.rank < 6:
+                if self._slid is not None and share_kept(nodes[self._slid], nodes[number]) > 0.05:
+                    continue
+                self._slid = number
+            self.graph.link(other, number, relative)
 
     def _around(
-        self, number: int, others: list[int], last: int
+        self, number: int, others: list[int], last: int | None
     ) -> tuple[list[int], NDArray[np.float64]]:
-        """Other clouds, and how far from each a cloud is; none beside the last that was laid."""
-        places = self._middles([*others, max(last, 0), number])
+        """Other clouds, and how far from each a cloud is; none near the last that was laid."""
+        places = self._middles([*others, number if last is None else last, number])
         far = np.linalg.norm(places[:-1] - places[-1], axis=1)
-        # Pairs on the same skin err alike: this part of a patch from the last, one tells hardly
-        # more.
-        if last >= 0 and not self._are_passes(last, number) and far[-1] < 0.5 * self._sizes[-1]:
+        # Pairs on the same skin err alike, and tell alike: this part of a patch from the last, one
+        # tells hardly more.
+        near = 0.5 * self.footprints[number].size
+        if last is not None and far[-1] < near and not self._are_passes(last, number):
             return [], far[:0]
         return others, far[:-1]
 
@@ -281,36 +280,30 @@ class Joining:
         """
         graph, flight = self.graph, self.graph.nodes[number].flight
         others = [each for each in self._kept if graph.nodes[each].flight != flight]
-        others, far = self._around(number, others, self._last_searched)
+        others, far = self._around(number, others, self._searched)
         if not others:
             return
-        self._last_searched, groups = number, graph.groups()
+        self._searched, groups = number, graph.groups()
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
-        reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self._sizes[-1]
+        reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self.footprints[number].size
         within = np.array(others)[(groups[others] != groups[number]) & (far < reach)].tolist()
         # So many at once, others each time.
         every = max(1, math.ceil(len(within) / 4))
         for other in within[number % every :: every]:
-            found = self._laid(other, number, is_far=True)
-            if found is not None and not found.remark and found.rank == 6:
-                self._take(PairLink(other, number, found))
-
-    def _take(self, link: PairLink) -> None:
-        """Tie two flights by a pair if another one says the same."""
-        poses, middle = self.graph.poses, self._middles([link.second])[0]
-        places = [
-            (poses[each.first] @ each.relative.pose @ poses[each.second].inverse()).apply(middle)
-            for each in (link, *self._maybe)
-            if self._flights_of(each) == self._flights_of(link)
-        ]
-        self._maybe.append(link)
-        # Metres: more than a flight errs in itself, far less than is searched.
-        if any(np.linalg.norm(place - places[0]) < 0.01 for place in places[1:]):
-            self.graph.link(link.first, link.second, link.relative)
-
-    def _flights_of(self, link: PairLink) -> tuple[int, int]:
-        return self.graph.nodes[link.first].flight, self.graph.nodes[link.second].flight
+            relative = self._laid(other, number, is_far=True)
+            if relative is None or relative.remark or relative.rank < 6:
+                continue
+            alike = self._maybe.setdefault((graph.nodes[other].flight, flight), [])
+            alike.append(PairLink(other, number, relative))
+            middle = self._middles([number])[0]
+            *places, place = (
+                (graph.pose(a) @ each.pose @ graph.pose(b).inverse()).apply(middle)
+                for a, b, each in ((link.first, link.second, link.relative) for link in alike)
+            )
+            # Metres: more than a flight errs in itself, far less than is searched.
+            if any(np.linalg.norm(each - place) < 0.01 for each in places):
+                graph.link(other, number, relative)
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""
@@ -344,7 +337,7 @@ def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.floa
     part = graph.part(numbers)
     at = numbers.index(first)
     covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
-    return seen_along(covariance, graph.poses[first].rotation.as_matrix(), np.zeros(3))
+    return seen_along(covariance, graph.pose(first).rotation.as_matrix(), np.zeros(3))
 
 
 def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
@@ -354,7 +347,7 @@ def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.
         # Of a cloud's place seen from the one before: metres, radians.
         return np.diag([0.08**2] * 3 + [0.03**2] * 3) * max(1, min(second - first, 3))
     changed = 1 - share_kept(a, b)
-    here, there = graph.poses[first], graph.poses[second]
+    here, there = graph.pose(first), graph.pose(second)
     axes, arm = here.rotation.as_matrix(), there.translation - here.translation
     # The first one's turn moves what lies at the end of the arm.
     by_first = seen_along(a.covariance * changed + JITTER, axes, arm)

@@ -65,12 +65,10 @@ class DentMatching:
 
     def in_later(self, places: Array) -> tuple[Array, Array]:
         """Places of the earlier survey in the later one, and their standard deviation."""
-        moved, spread = places, np.zeros(len(places))
-        # Shifts change by a hundredth of the way, so that these steps leave micrometres.
-        for _ in range(3):
-            shift, spread = self.deformation.shift(moved)
-            moved = places - shift
-        return self.motion.inverse().apply(moved), spread
+        # Shifts change by a hundredth of the way, so that two steps leave micrometres.
+        shift, _ = self.deformation.shift(places)
+        shift, spread = self.deformation.shift(places - shift)
+        return self.motion.inverse().apply(places - shift), spread
 
     def near(self, place: Array) -> Pose:
         """Of the earlier survey's frame in the later one's, about a place of the earlier one."""
@@ -121,7 +119,7 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Den
     _, motion, pairs = best
     moved = motion.apply(here)
     i, j = _followed_pairs(earlier, later, moved, place, pairs)
-    deformation = _fit(moved[j], there[i] - moved[j], place[i, j] * math.sqrt(2))
+    deformation = _fit(moved[j], there[i] - moved[j], place[i, j])
     return DentMatching(tuple(zip(i.tolist(), j.tolist(), strict=True)), motion, deformation)
 
 
@@ -160,25 +158,23 @@ def _followed_pairs(
 ) -> Pairs:
     """From some pairs outward, until nothing is added."""
     there = _positions(earlier)
-    # Of each: whether it is deep or high, whether it is cut, its length.
-    of_all = [
-        np.array([[np.sign(d.depth.value), d.is_cut, d.length.value] for d in dents])
-        for dents in (earlier, later)
-    ]
-    (signs, cut, lengths), (signs_later, cut_later, lengths_later) = (
-        np.nan_to_num(each).T for each in of_all
+    signs, lengths, cut = (
+        [np.nan_to_num([of(dent) for dent in dents]) for dents in (earlier, later)]
+        for of in (
+            lambda dent: np.sign(dent.depth.value),
+            lambda dent: dent.length.value,
+            lambda dent: dent.is_cut,
+        )
     )
-    alike = signs[:, None] == signs_later
+    alike = np.equal.outer(*signs)
     # Part of the way to the next dent within which a dent is looked for.
     gaps = [cKDTree(places).query(places, k=2)[0][:, 1] for places in (there, moved)]
-    free = 0.4 * np.minimum(gaps[0][:, None], gaps[1])
+    free = 0.4 * np.minimum.outer(*gaps)
     # A cut dent has its centre anywhere in it.
-    is_cut = np.maximum(cut[:, None], cut_later)
-    half = is_cut * np.maximum(lengths[:, None], lengths_later) / 2
+    half = np.maximum.outer(*cut) * np.maximum.outer(*lengths) / 2
     while True:
         i, j = pairs
-        forward = _fit(moved[j], there[i] - moved[j], place[i, j] * math.sqrt(2))
-        shift, spread = forward.shift(moved)
+        shift, spread = _fit(moved[j], there[i] - moved[j], place[i, j]).shift(moved)
         off = cdist(there, moved + shift)
         sigma = np.hypot(spread, math.sqrt(2) * place)
         reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
@@ -209,20 +205,20 @@ def _motions_between(
     motions = []
     # So many are tried.
     for k in order[:400]:
-        one, there = _pair_frame(*(earlier[n] for n in a[rows[k]]))
-        other, here = _pair_frame(*(later[n] for n in b[columns[k]]))
-        turn = Rotation.from_matrix(one @ other.T)
+        (ours, here), (theirs, there) = (
+            _pair([dents[n] for n in pairs[index[k]]])
+            for dents, pairs, index in ((later, b, columns), (earlier, a, rows))
+        )
+        turn, _ = Rotation.align_vectors(theirs, ours)
         motions.append(Pose(turn, there - turn.apply(here)))
     return motions
 
 
-def _pair_frame(first: MeasuredDent, second: MeasuredDent) -> tuple[Array, Array]:
-    """Axes by two places and the skin's normals at them, shape (3, 3), and the middle."""
-    along = second.position - first.position
-    across = np.cross(first.normal + second.normal, along)
-    along, across = along / np.linalg.norm(along), across / np.linalg.norm(across)
-    axes = np.stack([along, across, np.cross(along, across)], axis=1)
-    return axes, (first.position + second.position) / 2
+def _pair(dents: Sequence[MeasuredDent]) -> tuple[Array, Array]:
+    """From one place to the other and the skin's normal, shape (2, 3), and the middle of both."""
+    along = dents[1].position - dents[0].position
+    normal = np.mean([dent.normal for dent in dents], axis=0)
+    return np.stack([along / np.linalg.norm(along), normal]), _positions(dents).mean(axis=0)
 
 
 def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
@@ -277,14 +273,14 @@ def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
     at, shifts : ndarray, shape (n, 3)
         Places and their shifts into the other map, metres; n is at least 1.
     spreads : ndarray, shape (n,)
-        Standard deviation of each shift without the maps' own errors, metres.
+        Standard deviation of each of both places without the maps' own errors, metres.
     """
     middle = at.mean(axis=0)
     fits = []
     # Variance of a component that a metre of walk adds, square metres: from hundredths of a
     # millimetre (clouds laid on each other by their skin) to centimetres (by an autopilot).
     for walk in np.geomspace(1e-10, 1e-4, 13):
-        covariance = _covariance(at - middle, at - middle, walk) + np.diag(spreads**2)
+        covariance = _covariance(at - middle, at - middle, walk) + np.diag(2 * spreads**2)
         factor = cho_factor(covariance, lower=True)
         weights = cho_solve(factor, shifts)
         likelihood = -0.5 * float((shifts * weights).sum())

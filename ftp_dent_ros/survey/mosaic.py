@@ -46,10 +46,12 @@ class Mosaic(Raster):
         self._image, self._seen, self._height, self._deviation, self._squares, self._weight = (
             np.zeros((6, *self.shape), np.float32)
         )
-        self._noise, self._findable = np.full((2, *self.shape), np.nan, np.float32)
         self._steps = np.zeros(self.shape, np.uint8)
-        # Of each cell the group of clouds that is drawn there.
-        self._owner = np.full(np.array(self.shape) // PIXELS_A_CELL, _FREE)
+        # Of each cell the group of clouds that is drawn there, and by the best cloud the depth of
+        # a dent that would have been found, and its noise.
+        cells = self.shape[0] // PIXELS_A_CELL, self.shape[1] // PIXELS_A_CELL
+        self._owner = np.full(cells, _FREE)
+        self._findable, self._noise = np.full((2, *cells), np.nan, np.float32)
 
     def claim(self, places: NDArray, share: float, group: int) -> None:
         """Have one group of clouds alone drawn where its points cover half of a cell.
@@ -84,8 +86,8 @@ class Mosaic(Raster):
             return
         places, window, u, v = laid
         height = remap(places[..., 2], u, v, cv2.INTER_NEAREST)
-        at = (np.arange(each.start, each.stop) // PIXELS_A_CELL for each in window)
-        owner = self._owner[np.ix_(*at)]
+        pixels = [np.arange(each.start, each.stop) for each in window]
+        owner = self._owner[np.ix_(*(each // PIXELS_A_CELL for each in pixels))]
         seen = np.isfinite(height)
         shown = seen & ((owner == group) | (owner == _FREE))
         self.views[window] += seen
@@ -95,23 +97,24 @@ class Mosaic(Raster):
         self._seen[window] += light > 0
         if found is None:
             return
-        deviation, findable, noise = (
-            np.where(known, remap(each, u, v, cv2.INTER_NEAREST), np.nan)
-            for known, each in (
-                (shown, found.deviation),
-                (seen, found.findable),
-                (seen, found.noise),
-            )
-        )
+        deviation = np.where(shown, remap(found.deviation, u, v, cv2.INTER_NEAREST), np.nan)
         self._deviation[window] += np.nan_to_num(deviation)
         self._squares[window] += np.nan_to_num(deviation) ** 2
         self._weight[window] += np.isfinite(deviation)
         steps = [pose.apply(each.outline) for each in found.others if each.kind == 'step']
         flat = [(self.skin.place(each)[:, :2] - self.low) / PIXEL for each in steps]
         cv2.fillPoly(self._steps, [each.astype(np.int32) for each in flat], 1)
-        better = np.isfinite(findable) & ~(self._findable[window] <= findable)
-        np.copyto(self._findable[window], findable, where=better, casting='same_kind')
-        np.copyto(self._noise[window], noise, where=better, casting='same_kind')
+        # Of each cell, at its middle.
+        middles = [each % PIXELS_A_CELL == PIXELS_A_CELL // 2 for each in pixels]
+        here = np.ix_(*middles)
+        cells = np.ix_(*(a[b] // PIXELS_A_CELL for a, b in zip(pixels, middles, strict=True)))
+        findable, noise = (
+            remap(each, u[here], v[here], cv2.INTER_NEAREST)
+            for each in (found.findable, found.noise)
+        )
+        better = seen[here] & np.isfinite(findable) & ~(self._findable[cells] <= findable)
+        self._findable[cells] = np.where(better, findable, self._findable[cells])
+        self._noise[cells] = np.where(better, noise, self._noise[cells])
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -141,7 +144,7 @@ class Mosaic(Raster):
         height = np.where(count > 0, total / np.maximum(count, 1), np.nan)
         middles = self.low + CELL * (np.moveaxis(np.indices(count.shape)[::-1], 0, -1) + 0.5)
         points = self.skin.points(middles, height).astype(np.float32)
-        return Cloud(points, light / np.maximum(seen, 1), _middle(self._noise))
+        return Cloud(points, light / np.maximum(seen, 1), self._noise)
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
@@ -151,7 +154,7 @@ class Mosaic(Raster):
     @property
     def findable(self) -> NDArray[np.float32]:
         """Of each cell the smallest depth of a dent that would have been found, metres, or NaN."""
-        return np.where(self.measured(), _middle(self._findable), np.float32(np.nan))
+        return np.where(self.measured(), self._findable, np.float32(np.nan))
 
     def measured(self) -> NDArray[np.bool_]:
         """Mask of the cells of which half or more was measured."""
@@ -172,10 +175,3 @@ def _by_cell(values: NDArray) -> NDArray:
     rows, columns = (size // PIXELS_A_CELL for size in values.shape)
     parts = values.reshape(rows, PIXELS_A_CELL, columns, PIXELS_A_CELL)
     return parts.transpose(0, 2, 1, 3).reshape(rows, columns, -1)
-
-
-def _middle(values: NDArray) -> NDArray[np.float32]:
-    """Lower median of each cell's known pixels; NaN of none."""
-    ordered = np.sort(_by_cell(values), axis=-1)
-    middle = np.maximum(np.isfinite(ordered).sum(axis=-1) - 1, 0) // 2
-    return np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]

@@ -77,7 +77,7 @@ class SkinPatch:
     corner: NDArray[np.float64]
     height: Grid
     sigma: Grid
-    light: Grid | None
+    light: Grid | None = None
 
     @cached_property
     def surface(self) -> Grid:
@@ -91,49 +91,35 @@ class SkinPatch:
         return surface
 
     @cached_property
-    def paint(self) -> Grid:
-        """Paint, its slopes along x and y (1/m), and 1 where it is known, else 0.
+    def paints(self) -> tuple[Grid, Grid]:
+        """Paint, its slopes along x and y (1/m), and 1 where it is known, else 0; and smoothed.
 
-        The logarithm of the skin image without the light's slow changes; shape (rows, columns, 4).
+        The logarithm of the skin image without the light's slow changes; each of shape (rows,
+        columns, 4), the smoothed one by a standard deviation of 2 mm.
         """
-        return self._painted(0.0)
-
-    @cached_property
-    def coarse(self) -> Grid:
-        """The same, smoothed: standard deviation 2 mm."""
-        return self._painted(0.002 / self.pitch)
-
-    def _painted(self, width: float) -> Grid:
-        if self.light is None:
-            return np.zeros((*self.height.shape, 4), np.float32)
-        rest, share, inside = self._rest
-        if width:
-            rest = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
-        # Beside what is not known, slopes are those of the mask.
-        reach = 3 + 2 * math.ceil(width)
-        around_it = np.ones((reach, reach), np.uint8)
-        mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        layer: Any = cv2.merge([rest, *slopes(rest, self.pitch), mask.astype(np.float32)])
-        return layer * layer[..., 3:]
-
-    @cached_property
-    def _rest(self) -> tuple[Grid, Grid, NDArray[np.uint8]]:
-        """What light's slow changes leave; 1 where it is known; 1 where it is no rim's."""
-        logarithm = self.light
-        assert logarithm is not None
-        known = np.isfinite(logarithm)
+        values = np.full_like(self.height, np.nan) if self.light is None else self.light
+        known = np.isfinite(values)
         share = known.astype(np.float32)
-        values = np.where(known, logarithm, np.float32(0))
+        values = np.where(known, values, np.float32(0))
         # Light changes slowly along the skin, paint does not: standard deviation of what is taken
         # off, metres.
-        light = 0.006 / self.pitch
-        window = _mean(share, light)
-        around = _mean(values, light) / np.maximum(window, np.float32(1e-3))
+        window = _blurred(share, 0.006 / self.pitch)
+        around = _blurred(values, 0.006 / self.pitch) / np.maximum(window, np.float32(1e-3))
         # Paint that is so far from its surroundings tells no more by being farther.
         rest = np.clip((values - around) * share, -0.7, 0.7)
         # Of the window, that must be known: at a rim, to one side of which the skin and its
         # image's own windows end, light would be taken for paint.
-        return rest, share, (share * (window > 0.93)).astype(np.uint8)
+        inside = (share * (window > 0.93)).astype(np.uint8)
+        width = 0.002 / self.pitch
+        smooth = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
+        layers = []
+        for field, reach in ((rest, 3), (smooth, 3 + 2 * math.ceil(width))):
+            # Beside what is not known, slopes are those of the mask.
+            around_it = np.ones((reach, reach), np.uint8)
+            mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+            layer: Any = cv2.merge([field, *slopes(field, self.pitch), mask.astype(np.float32)])
+            layers.append(layer * layer[..., 3:])
+        return layers[0], layers[1]
 
     @cached_property
     def samples(self) -> Samples:
@@ -141,12 +127,14 @@ class SkinPatch:
         # Distance of heights, metres, and side of the squares: at about this distance errors are
         # independent. And how many at most: more cost time and tell no more.
         step = max(1, round(0.006 / self.pitch))
-        row, column = step * np.array(np.nonzero(self.known[::step, ::step]))
+        known = np.isfinite(self.surface[..., 0])
+        row, column = step * np.array(np.nonzero(known[::step, ::step]))
         some = slice(None, None, -(-len(row) // 3000) or 1)
         row, column = row[some], column[some]
         side = max(1, round(0.004 / self.pitch))
         rows, columns = (size // side for size in self.height.shape)
-        change = np.square(self.paint[..., 1:3]).sum(axis=-1) * self.known
+        paint, coarse = self.paints
+        change = np.square(paint[..., 1:3]).sum(axis=-1) * known
         squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
         squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
         inside = squares.argmax(axis=1)
@@ -160,14 +148,9 @@ class SkinPatch:
             self.points(row, column),
             self.surface[row, column],
             self.points(down, across),
-            self.paint[down, across],
-            self.coarse[down, across],
+            paint[down, across],
+            coarse[down, across],
         )
-
-    @cached_property
-    def known(self) -> NDArray[np.bool_]:
-        """Mask of the cells with a height."""
-        return np.isfinite(self.surface[..., 0])
 
     def points(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> NDArray:
         """Points of cells, shape (n, 3), metres, in the patch's frame."""
@@ -282,21 +265,21 @@ def _blurred(field: Grid, sigma: float) -> Grid:
     return result
 
 
-def _mean(field: Any, sigma: float) -> Grid:
-    """Mean over a wide window, nearly Gaussian: two boxes, which cost the same at any width."""
-    side = 2 * round(sigma * np.sqrt(6) / 2) + 1
-    for _ in range(2):
-        field = cv2.blur(field, (side, side), borderType=cv2.BORDER_CONSTANT)
-    return field
-
-
 def folded(patch: SkinPatch) -> Callable[[], SkinPatch]:
-    """What makes a patch again, in a tenth of its memory: grids as pictures in small steps."""
+    """What makes a patch again, in a tenth of its memory: its grids as one picture."""
+    grids = [each for each in (patch.height, patch.sigma, patch.light) if each is not None]
+    low, high = (
+        np.array([[[float(extreme(each))]] for each in grids])
+        for extreme in (np.nanmin, np.nanmax)
+    )
     # Least steps: of heights, metres, a quarter of what no pair is better than; of their
     # uncertainty, millimetres, and of the logarithm of light a tenth of a skin image's noise.
-    steps = (patch.height, 2.5e-7), (patch.sigma, 1e-6), (patch.light, 5e-4)
-    grids = [None if grid is None else _folded(grid, least) for grid, least in steps]
-    return partial(_made, patch.frame, patch.pitch, patch.corner, grids)
+    least = np.array([2.5e-7, 1e-6, 5e-4])[: len(grids), None, None]
+    step = np.maximum(least, (high - low) / 65000)
+    # 0 is unknown.
+    whole = np.nan_to_num(np.rint((np.stack(grids) - low) / step) + 1).astype(np.uint16)
+    picture = cv2.imencode('.png', np.concatenate(whole))[1]
+    return partial(_made, patch.frame, patch.pitch, patch.corner, picture, low, step)
 
 
 @lru_cache(maxsize=8)
@@ -305,18 +288,14 @@ def unfolded(make: Callable[[], SkinPatch]) -> SkinPatch:
     return make()
 
 
-def _made(frame: Pose, pitch: float, corner: NDArray[np.float64], grids: list[Any]) -> SkinPatch:
-    return SkinPatch(frame, pitch, corner, *(each and _unfolded(*each) for each in grids))
-
-
-def _folded(grid: Grid, least: float) -> tuple[NDArray[np.uint8], float, float]:
-    """A grid in steps of 16 bits as a PNG file, its lowest value and the step; 0 is unknown."""
-    low, high = float(np.nanmin(grid)), float(np.nanmax(grid))
-    step = max(least, (high - low) / 65000)
-    whole = np.nan_to_num(np.rint((grid - low) / step) + 1).astype(np.uint16)
-    return cv2.imencode('.png', whole)[1], low, step
-
-
-def _unfolded(packed: NDArray[np.uint8], low: float, step: float) -> Grid:
-    whole: Any = cv2.imdecode(packed, cv2.IMREAD_UNCHANGED)
-    return np.where(whole > 0, low + step * (whole - 1.0), np.nan).astype(np.float32)
+def _made(
+    frame: Pose,
+    pitch: float,
+    corner: NDArray[np.float64],
+    picture: Any,
+    low: NDArray[np.float64],
+    step: NDArray[np.float64],
+) -> SkinPatch:
+    whole = np.stack(np.split(np.asarray(cv2.imdecode(picture, cv2.IMREAD_UNCHANGED)), len(low)))
+    grids = np.where(whole > 0, low + step * (whole - 1.0), np.nan).astype(np.float32)
+    return SkinPatch(frame, pitch, corner, *grids)

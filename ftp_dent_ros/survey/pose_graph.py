@@ -9,6 +9,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -79,46 +80,62 @@ def share_kept(earlier: Node, later: Node, seconds: Any = 5.0) -> Any:
     return is_same * np.exp(-abs(later.seconds - earlier.seconds) / seconds)
 
 
-def drift_of(errors: Array, sigmas: Array, seconds: Array) -> Array:
+def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
     """How an autopilot's error of a flight changes: one part is constant, the other drifts.
 
     The mean of all that may be, by their likelihood, for places and for turns.
 
     Parameters
     ----------
-    errors, sigmas : ndarray, shape (n, 6)
-        Of the poses of a flight, but for a constant that nobody knows; and what is stated.
-    seconds : ndarray, shape (n,)
+    errors : ndarray, shape (n, 6)
+        Of poses of a flight, but for a constant that nobody knows.
+    nodes : sequence of Node
+        What is stated of these.
 
     Returns
     -------
     ndarray, shape (2, 6)
         Share of the variance that drifts, and seconds after which that is another one.
     """
-    shares, times = expit(np.linspace(-6, 6, 25)), 2.5 * 2.0 ** np.arange(7)
-    off, gaps, parts = errors / sigmas, np.diff(seconds)[:, None], []
-    anew = 2 * np.diag(JITTER) / sigmas[1:] ** 2
-    grid = np.array([(share, math.log(time)) for share in shares for time in times])
+    odds, times = np.linspace(-18, 6, 25), np.log(2.5 * 2.0 ** np.arange(7))
+    sigmas = np.sqrt(np.array([node.covariance for node in nodes], float).diagonal(0, 1, 2))
+    gaps = np.diff([node.seconds for node in nodes])[:, None]
+    off, parts = errors / sigmas, list[Array]()
+    anew = np.diag(JITTER) / sigmas[1:] ** 2
+    grid = np.array([(each, time) for each in odds for time in times])
     for part in (slice(0, 3), slice(3, 6)):
         likelihood = [
-            _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), share, anew[:, part])
-            for share, time in grid
+            _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), expit(each), anew[:, part])
+            for each, time in grid
         ]
         chance = np.exp(np.array(likelihood) - max(likelihood))
         parts += 3 * [np.average(grid, axis=0, weights=chance)]
     share, time = np.array(parts).T
-    return np.stack([share, np.exp(time)])
+    return np.stack([expit(share), np.exp(time)])
 
 
 def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
     """Logarithm of that of errors about any constant, of which a share drifts."""
+    keep, part = _as_chain(share, keep, anew)
     steps = np.concatenate([off[:1], off[1:] - keep * off[:-1]])
-    constant = np.concatenate([np.ones((1, 1)), 1 - keep])
-    variance = np.concatenate([np.full((1, 3), share), (1 - keep**2) * share + anew])
+    constant = np.concatenate([np.ones((1, 3)), 1 - keep])
+    variance = np.concatenate([part[:1], (1 - keep**2) * part])
     weight = (constant**2 / variance).sum(axis=0)
     mean = (constant * steps / variance).sum(axis=0) / weight
     squares = np.square(steps - constant * mean) / variance
     return -float((np.log(variance) + squares).sum() + np.log(weight).sum()) / 2
+
+
+def _as_chain(share: Any, keep: Any, anew: Any) -> tuple[Any, Any]:
+    """A drift, and what is another error each time, as one drift: what it keeps, its variance.
+
+    That one changes as much from one time to the next, and averages out as slowly.
+    """
+    change = share * (1 - keep) + anew
+    lasting = share * (1 + keep) / np.maximum(1 - keep, 1e-9) + anew
+    ratio = change / lasting
+    keep = np.maximum(1 + ratio / 2 - np.sqrt(ratio**2 / 4 + 2 * ratio), 1e-6)
+    return keep, change / (1 - keep)
 
 
 # As long as a flight does not tell: all of an error drifts.
@@ -131,19 +148,16 @@ class PoseGraph:
     Attributes
     ----------
     nodes : list of Node
-    poses : list of Pose
-        As they are found.
     links : list of PairLink
         Each second cloud's number is no less than the last one's.
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
-        self.poses: list[Pose] = []
         self.links: list[PairLink] = []
         # Squares of the links' errors, in variances a direction, as poses were last found.
         self._misfits: dict[int, float] = {}
-        # The poses once more, in arrays.
+        # Of the poses.
         self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self._all_moved = 0
         #: Of the flights that tell it, as of `drift_of`, once all poses are known.
@@ -154,12 +168,20 @@ class PoseGraph:
         self._turns = np.concatenate([self._turns, guess.rotation.as_matrix()[None]])
         self._places = np.concatenate([self._places, guess.translation[None]])
         self.nodes.append(node)
-        self.poses.append(guess)
+
+    @property
+    def poses(self) -> list[Pose]:
+        """As they are found."""
+        return [self.pose(number) for number in range(len(self.nodes))]
+
+    def pose(self, number: int) -> Pose:
+        """Of a cloud's camera, as it is found."""
+        return Pose(Rotation.from_matrix(self._turns[number]), self._places[number].copy())
 
     def carry(self, start: int, move: Pose) -> None:
         """Move the poses from a number on, that are guesses alone."""
         for number in range(start, len(self.nodes)):
-            pose = move @ self.poses[number]
+            pose = move @ self.pose(number)
             self.nodes[number] = replace(self.nodes[number], stated=pose)
             self._put(number, pose)
 
@@ -177,19 +199,19 @@ class PoseGraph:
         """Number of the first link to a pose or a newer one."""
         return bisect_left(self.links, number, key=lambda link: link.second)
 
-    def part(self, numbers: Sequence[int], with_left_out: bool = False) -> PoseGraph:
+    def part(self, numbers: Sequence[int]) -> PoseGraph:
         """Some of the poses, in rising order, and what joins them, without all others.
 
         What the autopilot says of two says the same of them whether poses lie between or not.
         """
         place = {number: index for index, number in enumerate(numbers)}
-        left_out, start = set() if with_left_out else self.left_out, self.first_link(numbers[0])
-        some = PoseGraph()
-        some.drifts = self.drifts
+        some, start = PoseGraph(), self.first_link(numbers[0])
         for number in numbers:
-            some.add(self.nodes[number], self.poses[number])
+            some.add(self.nodes[number], self.pose(number))
+        placed = {node.flight for node in some.nodes if node.covariance is not None}
+        some.drifts = {flight: self.drifts[flight] for flight in placed & self.drifts.keys()}
         for index, link in enumerate(self.links[start:], start):
-            if link.first in place and link.second in place and index not in left_out:
+            if link.first in place and link.second in place:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
                 some.link(place[link.first], place[link.second], link.relative)
         return some
@@ -207,59 +229,48 @@ class PoseGraph:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
         self.drifts = {}
         self.solve()
-        drifts, said = {}, _arrays([node.stated for node in self.nodes])
-        errors = _off(self._turns, self._places, *said)
-        spreads = [_ANCHOR if n.covariance is None else n.covariance for n in self.nodes]
-        sigmas = np.sqrt(np.diagonal(spreads, axis1=1, axis2=2))
-        placed = np.array([node.covariance is not None for node in self.nodes])
-        flights, seconds = np.array([(node.flight, node.seconds) for node in self.nodes]).T
-        for flight in np.unique(flights[placed]):
-            groups = np.where(placed & (flights == flight), self.groups(), -1)
-            # Of poses that nothing ties, errors are not known: those of the most are taken.
-            tied = groups == np.bincount(groups[groups >= 0]).argmax()
-            if tied.sum() > 2:
-                drifts[int(flight)] = drift_of(errors[tied], sigmas[tied], seconds[tied])
-        self.drifts = drifts
-        self.solve()
+        # What is learnt of the errors moves the poses that it is learnt from: after so many times
+        # hardly any more.
+        for _ in range(3):
+            groups, drifts = self.groups(), {}
+            for flight in {node.flight for node in self.nodes if node.covariance is not None}:
+                placed = [
+                    k
+                    for k, node in enumerate(self.nodes)
+                    if node.flight == flight and node.covariance is not None
+                ]
+                # Of poses that nothing ties, errors are not known: those of the most are taken.
+                most = np.bincount(groups[placed]).argmax()
+                tied = [k for k in placed if groups[k] == most]
+                if len(tied) > 2:
+                    nodes = [self.nodes[k] for k in tied]
+                    said = _arrays([node.stated for node in nodes])
+                    errors = _off(self._turns[tied], self._places[tied], *said)
+                    drifts[flight] = drift_of(errors, nodes)
+            self.drifts = drifts
+            self.solve()
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
-        terms, start = Terms(self, fixed), self._start()
-        # Those that contradicted the others before count from the first step on by how they fit.
-        doubted = np.isin(terms.links, list(self.left_out) if fixed else [])
-        found = _stepped(terms, *start, doubted, math.inf)
-        if terms.cost(terms.errors(*found)) > terms.cost(terms.errors(*start)):
-            # Poses fit no worse than before: no pair that does not fit already pulls.
-            found = _stepped(terms, *start, np.ones(len(doubted), bool), 1.0)
-        count, (turns, places) = len(self.nodes), found
+        terms = Terms(self, fixed)
+        turns, places = _stepped(terms, *self._start())
+        count = len(self.nodes)
         self._turns, self._places = turns[:count], places[:count]
-        rotations = Rotation.from_matrix(self._turns[fixed:])
-        self.poses[fixed:] = [
-            Pose(rotation, place.copy())
-            for rotation, place in zip(rotations, self._places[fixed:], strict=True)
-        ]
         misfits = terms.misfits(terms.errors(turns, places))
         self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
 
     def _start(self) -> tuple[Array, Array]:
         """Turns and places of all poses, and of the flights' constant errors, from nothing on."""
-        extra = len(self.drifts)
-        return (
-            np.concatenate([self._turns, np.tile(np.eye(3), (extra, 1, 1))]),
-            np.concatenate([self._places, np.zeros((extra, 3))]),
-        )
+        turns, places = _arrays([IDENTITY] * len(self.drifts))
+        return np.concatenate([self._turns, turns]), np.concatenate([self._places, places])
 
     def _put(self, number: int, pose: Pose) -> None:
-        self.poses[number] = pose
         self._turns[number], self._places[number] = pose.rotation.as_matrix(), pose.translation
 
     def follow(self, number: int) -> None:
-        """Put the newest pose where its last link says, as far as that says anything."""
+        """Put the newest pose where its last link says."""
         link = self.links[-1]
-        if link.relative.rank == 6:
-            self._put(number, self.poses[link.first] @ link.relative.pose)
-        else:
-            self.solve(fixed=number)
+        self._put(number, self.pose(link.first) @ link.relative.pose)
 
     def placed(self, numbers: Sequence[int], points: Sequence[Array]) -> Array:
         """Points of shape (n, 3), each in its camera's frame, in the map."""
@@ -319,37 +330,28 @@ def _factored(matrix: Any) -> Any:
     )
 
 
-def _stepped(
-    terms: Terms, turns: Array, places: Array, doubted: NDArray[np.bool_], tolerance: float
-) -> tuple[Array, Array]:
-    """Poses after steps at tolerances that fall to 1, from a first one."""
-    errors = terms.errors(turns, places)
+def _stepped(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
+    """Poses after steps of least squares: of all pairs, and then of those that agree.
+
+    The tolerance for errors falls from step to step until it is what they state.
+    """
+    errors, tolerance = terms.errors(turns, places), math.inf
     for _ in range(40):
-        each = np.where(doubted, 1.0, tolerance)
-        jacobian, weighted = terms.weighted(turns, places, errors, each)
-        gradient = weighted @ errors.ravel()
-        step = -_factored(weighted @ jacobian).solve(gradient).reshape(-1, 6)
-        before, gain = terms.cost(errors, each), 0.0
-        # A step is halved so often at most.
-        for _ in range(12):
-            there = _moved(turns, places, terms.fixed, step)
-            off = terms.errors(*there)
-            gain = before - terms.cost(off, each)
-            if gain >= 0:
-                (turns, places), errors = there, off
-                break
-            step /= 2
-        # Metres and radians; and variances that are no gain.
-        size, is_gain = np.abs(step).max(), gain > 1e-4
-        if tolerance == 1 and (size < 1e-7 or not is_gain):
+        jacobian, weighted = terms.weighted(turns, places, errors, tolerance)
+        step = -_factored(weighted @ jacobian).solve(weighted @ errors.ravel()).reshape(-1, 6)
+        there = _moved(turns, places, terms.fixed, step)
+        off = terms.errors(*there)
+        gain = terms.cost(errors, tolerance) - terms.cost(off, tolerance)
+        if gain > 0:
+            (turns, places), errors = there, off
+        # Variances, of all that is known together, that are no gain.
+        is_gain = gain > 0.1
+        if is_gain and math.isinf(tolerance):
+            continue
+        if tolerance == 1 and not is_gain:
             break
         if math.isinf(tolerance):
-            # Before pairs are weighed apart.
-            if is_gain and size > 1e-4:
-                continue
-            misfits = terms.misfits(errors)
-            tolerance = float(misfits[~doubted].max(initial=0.0)) / _HALF
-        # By which the tolerance falls from step to step.
+            tolerance = terms.misfits(errors).max(initial=0.0) / _HALF
         tolerance = max(1.0, tolerance / 4.0)
     return turns, places
 
@@ -396,33 +398,30 @@ class Terms:
         self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
         self._rank = np.array([each.rank for each in relative], float)
         stated = _stated(graph, fixed, anchor)
-        at, before, constant = (np.array([row[k] for row in stated]) for k in range(3))
-        self._keep, self._bias, spreads = (
-            np.array([row[k] for row in stated]) for k in range(3, 6)
-        )
-        said = _arrays([*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)])
-        self._said = [(said[0][each], said[1][each]) for each in (before, at, constant)]
-        # Numbers of each term's poses, a third one of what is stated; of links, and of that.
-        pairs = [(link.first, link.second, link.second) for link in links]
-        self._poses = np.array([*pairs, *zip(before, at, constant, strict=True)], np.intp)
+        pairs = [*((link.first, link.second) for link in links), *(pair for pair, _ in stated)]
+        #: Numbers of each term's two poses.
+        self._poses = np.array(pairs, np.intp).reshape(-1, 2)
+        self._apart = np.diff(self._poses[len(links) :]) != 0
+        said = [*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)]
+        self._said = [_arrays([said[k] for k in each]) for each in self._poses[len(links) :].T]
         information = [each.information for each in relative]
-        self._information = np.array([*information, *np.linalg.inv(spreads)])
+        self._information = np.array([*information, *(np.linalg.inv(each) for _, each in stated)])
         #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
         self.common = np.array([*(e.common for e in relative), *np.zeros((len(stated), 6, 6))])
 
     def errors(self, turns: Array, places: Array) -> Array:
         """At poses of shape (all, 3, 3) and (all, 3); shape (terms, 6)."""
         count = len(self.links)
-        first, second, _ = self._poses[:count].T
+        first, second = self._poses[:count].T
         back = np.swapaxes(turns[first], 1, 2)
         off = back @ turns[second] @ self._back
         seen = _turned(back, places[second] - places[first])
         of_links = twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
-        then, now, always = (
+        other, own = (
             _off(turns[at], places[at], *said)
             for at, said in zip(self._poses[count:].T, self._said, strict=True)
         )
-        return np.concatenate([of_links, now - self._keep * then - self._bias * always])
+        return np.concatenate([of_links, own - self._apart * other])
 
     def misfits(self, errors: Array) -> Array:
         """Squares of the links' errors, in variances, by their directions; shape (links,)."""
@@ -449,20 +448,19 @@ class Terms:
         back = np.swapaxes(turns[first], 1, 2)
         centre = places[first] + _turned(turns[first], self._centre)
         change = changes(errors[:count])
-        blocks = np.zeros((total, 3, 6, 6))
+        blocks = np.zeros((total, 2, 6, 6))
         for side, sign in enumerate((-1, 1)):
             # A turn of a camera shifts what lies at the end of the arm.
             move = np.zeros((count, 6, 6))
             move[:, :3, :3] = move[:, 3:, 3:] = back
             move[:, :3, 3:] = -back @ crossed(centre - places[self._poses[:count, side]])
             blocks[:count, side] = sign * change @ move
-        blocks[count:, 0] = -self._keep[:, :, None] * np.eye(6)
+        blocks[count:, 0] = self._apart[..., None] * -np.eye(6)
         blocks[count:, 1] = np.eye(6)
-        blocks[count:, 2] = -self._bias[:, :, None] * np.eye(6)
         columns = self._poses - self.fixed
         blocks[columns < 0] = 0
         jacobian = bsr_matrix(
-            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 3 * np.arange(total + 1)),
+            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 2 * np.arange(total + 1)),
             shape=(6 * total, 6 * self.count),
         ).tocsr()
         jacobian.eliminate_zeros()
@@ -473,54 +471,59 @@ class Terms:
         return jacobian, jacobian.T @ weights.tocsr()
 
 
-def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[tuple[Any, ...]]:
-    """What is said of each pose: its number, an earlier one, and that of its flight's constant.
+def _stated(
+    graph: PoseGraph, fixed: int, anchor: int | None
+) -> list[tuple[tuple[int, int], Array]]:
+    """What the autopilot says: numbers of two poses, and how much their errors may differ.
 
-    And of the errors of the last two the shares that it has, and the covariance of the rest.
+    They are a pose and the last one, or a pose and its flight's constant: a drift is near to both.
+    Where one error is known by itself, its number stands there twice.
     """
-    nodes, nothing, always = graph.nodes, np.zeros(6), np.ones(6)
-    terms: list[tuple[Any, ...]] = []
-    stated = [index for index, node in enumerate(nodes) if node.covariance is not None]
-    last_stated = dict(zip(stated[1:], stated, strict=False))
+    nodes, flights = graph.nodes, dict[int, list[int]]()
+    for index, node in enumerate(nodes):
+        if node.covariance is not None:
+            flights.setdefault(node.flight, []).append(index)
+    is_adrift = anchor is None and not flights
+    terms = [
+        ((k, k), _UNTOLD if k or not is_adrift else _ANCHOR)
+        for k in range(fixed, len(nodes))
+        if nodes[k].covariance is None
+    ]
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
-    for index, node in enumerate(nodes[fixed:], fixed):
-        last, flight = last_stated.get(index), node.flight
-        (share, seconds), constant = (
-            graph.drifts.get(flight, _UNKNOWN),
-            constants.get(flight, index),
-        )
-        bias = always if flight in constants else nothing
-        if node.covariance is None:
-            is_adrift = index == 0 and anchor is None and not stated
-            spread = _ANCHOR if is_adrift else _UNTOLD
-            terms.append((index, index, index, nothing, nothing, spread))
-        elif last is not None and nodes[last].flight == flight:
-            keep = share_kept(nodes[last], node, seconds)
-            rest, bias = 1 - keep**2, bias * (1 - keep)
-            if anchor is not None:
-                # Seen from a pose that errs itself, errors differ ever more.
-                rest, keep, bias = 2 * (1 - keep), always, nothing
-            spread = _part(node.covariance, rest * share) + 2 * JITTER
-            terms.append((index, last, constant, keep, bias, spread))
-        elif anchor is None:
-            spread = _part(node.covariance, share)
-            terms.append((index, index, constant, nothing, bias, spread))
-        elif nodes[anchor].flight != flight:
+    for flight, placed in flights.items():
+        share, seconds = graph.drifts.get(flight, _UNKNOWN)
+        some = placed[max(0, bisect_left(placed, fixed) - 1) :]
+        spreads = np.array([nodes[k].covariance for k in some])
+        anew = np.diag(JITTER) / np.diagonal(spreads, axis1=1, axis2=2)
+        kept = np.array([share_kept(nodes[a], nodes[b], seconds) for a, b in pairwise(some)])
+        keep, part = _as_chain(share, kept.reshape(-1, 6), anew[1:])
+        nothing = np.zeros((1, 6))
+        before, after = np.vstack([nothing, keep]), np.vstack([keep, nothing])
+        own = np.vstack([share + anew[:1], part]) / (1 / (1 + before) - after / (1 + after))
+        # Seen from a pose that errs itself, errors differ ever more.
+        apart = part * (1 - keep) * (2 if anchor is not None else (1 + keep) / keep)
+        for k, index in enumerate(some):
+            if index >= fixed and anchor is None:
+                terms.append(((constants.get(flight, index), index), _part(spreads[k], own[k])))
+            if index >= fixed and k:
+                terms.append(((some[k - 1], index), _part(spreads[k], apart[k - 1])))
+        if anchor is not None and nodes[anchor].flight != flight:
             # Of two flights' errors, neither is known.
-            terms.append((index, index, index, nothing, nothing, 2 * node.covariance))
+            terms.append(
+                ((placed[0], placed[0]), _part(nodes[placed[0]].covariance, 2 * np.ones(6)))
+            )
     for flight, at in constants.items():
-        first = next((nodes[k].covariance for k in stated if nodes[k].flight == flight), None)
-        rest = _part(_ANCHOR if first is None else first, 1 - graph.drifts[flight][0])
-        terms.append((at, at, at, nothing, nothing, rest))
+        first = nodes[flights[flight][0]].covariance
+        terms.append(((at, at), _part(first, 1 - graph.drifts[flight][0])))
     if anchor is not None:
-        terms.append((anchor, anchor, anchor, nothing, nothing, _ANCHOR))
+        terms.append(((anchor, anchor), _ANCHOR))
     return terms
 
 
-def _part(covariance: Array, share: Array) -> Array:
+def _part(covariance: Any, share: Array) -> Array:
     """Covariance of which so much is left, axis by axis."""
     root = np.sqrt(share)
-    return covariance * np.outer(root, root)
+    return np.asarray(covariance * np.outer(root, root))
 
 
 def _off(turns: Array, places: Array, said_turns: Array, said: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -19,9 +18,6 @@ from ftp_dent_ros.survey.unrolled import LARGEST, Unrolled
 Grid = NDArray[np.float32]
 Array = NDArray[np.float64]
 Window = tuple[slice, slice]
-
-# Of the polynomials: what bends a camera's grid over a skin is cubic at most.
-_DEGREE = 3
 
 
 class Raster:
@@ -61,16 +57,13 @@ class Raster:
         points = np.where(cloud.valid[..., None], cloud.points, np.nan).astype(float)
         return self.skin.place(pose.apply(points))
 
-    def window(self, places: Array) -> Window | None:
-        """Rows and columns about places of shape (n, 2 or more); None if there are none."""
-        if not len(places):
-            return None
+    def window(self, places: Array) -> Window:
+        """Rows and columns about places of shape (n, 2 or more), as far as the raster goes."""
+        at = (places[:, :2] - self.low) / self.pitch
         # Of pixels: about a cloud its grid may reach into them.
-        room = 4
-        low = np.floor((places[:, :2].min(axis=0) - self.low) / self.pitch).astype(int) - room
-        high = np.ceil((places[:, :2].max(axis=0) - self.low) / self.pitch).astype(int) + room
-        low, high = np.maximum(low, 0), np.minimum(high, self.shape[::-1])
-        return None if (high <= low).any() else (slice(low[1], high[1]), slice(low[0], high[0]))
+        low, high = np.floor(at.min(axis=0)) - 4, np.ceil(at.max(axis=0)) + 4
+        (left, down), (right, up) = np.clip([low, high], 0, self.shape[::-1]).astype(int)
+        return slice(down, up), slice(left, right)
 
     def corner(self, window: Window) -> Array:
         """X and y of the middle of a window's first pixel."""
@@ -101,15 +94,15 @@ class Raster:
         columns, rows : ndarray, shape (window's rows, window's columns)
             Where on the cloud's grid the window's pixels lie. None at all of few points.
         """
-        places, (row, column) = self.places(cloud, pose), some_of(known)
-        window = self.window(places[known])
+        places, some = self.places(cloud, pose), some_of(known)
         # Of a polynomial's 16 terms.
-        if window is None or len(row) < 20:
+        if len(some[0]) < 20:
             return None
+        window = self.window(places[known])
         size = np.array([each.stop - each.start for each in window[::-1]])
         # From the corner on, single precision is enough.
         flat = np.where(known[..., None], places[..., :2] - self.corner(window), np.nan)
-        at = cells(flat.astype(np.float32), (row, column), np.zeros(2), self.pitch, size)
+        at = cells(flat.astype(np.float32), some, np.zeros(2), self.pitch, size)
         return places, window, *at
 
 
@@ -118,30 +111,6 @@ def some_of(mask: NDArray[np.bool_], about: int = 1000) -> tuple[NDArray, NDArra
     step = max(1, math.isqrt(np.count_nonzero(mask) // about))
     row, column = np.nonzero(mask[::step, ::step])
     return step * row, step * column
-
-
-def polynomial(
-    place: NDArray[np.floating], values: NDArray[np.floating]
-) -> Callable[[Array, Array], Array]:
-    """Least squares through values at places: a function of a grid's x and y.
-
-    Parameters
-    ----------
-    place : ndarray, shape (n, 2)
-        x and y.
-    values : ndarray, shape (n, m)
-
-    Returns
-    -------
-    callable
-        Of x, shape (columns,), and y, shape (rows,): values of shape (m, columns, rows).
-    """
-    low, high = place.min(axis=0), place.max(axis=0)
-    middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-12)
-    x, y = ((place - middle) / half).T
-    terms = polyvander2d(x, y, [_DEGREE, _DEGREE])
-    weights = np.linalg.lstsq(terms, values, rcond=None)[0].reshape(_DEGREE + 1, _DEGREE + 1, -1)
-    return lambda x, y: polygrid2d((x - middle[0]) / half[0], (y - middle[1]) / half[1], weights)
 
 
 def cells(
@@ -162,21 +131,28 @@ def cells(
     count : ndarray, shape (2,)
         Cells along x and y.
     """
-    back = polynomial(places[some].astype(float), np.stack(some[::-1], axis=-1).astype(float))
+    place, indices = places[some].astype(float), np.stack(some[::-1], axis=-1)
+    low_place, high_place = place.min(axis=0), place.max(axis=0)
+    middle, half = (low_place + high_place) / 2, np.maximum((high_place - low_place) / 2, 1e-12)
+    # What bends a camera's grid over a skin is cubic at most.
+    across, down = ((place - middle) / half).T
+    terms = polyvander2d(across, down, [3, 3])
+    weights = np.linalg.lstsq(terms, indices, rcond=None)[0].reshape(4, 4, -1)
     x, y = (low[axis] + size * np.arange(count[axis]) for axis in (0, 1))
-    u, v = back(x, y).swapaxes(1, 2).astype(np.float32)
+    scaled = (x - middle[0]) / half[0], (y - middle[1]) / half[1]
+    u, v = back = polygrid2d(*scaled, weights).swapaxes(1, 2).astype(np.float32)
     # How column and row change with x and y: as in the middle is near enough.
-    middle = back(*(np.array([axis.mean() - size, axis.mean() + size]) for axis in (x, y)))
-    along_x, along_y = np.diff(middle.mean(axis=2)), np.diff(middle.mean(axis=1))
-    slope = (np.hstack([along_x, along_y]) / (2 * size)).astype(np.float32)
+    row, column = len(y) // 2, len(x) // 2
+    along_x = np.gradient(back[:, row], size, axis=1)[:, column]
+    along_y = np.gradient(back[:, :, column], size, axis=1)[:, row]
     wanted_x, wanted_y = x.astype(np.float32), y.astype(np.float32)[:, None]
     # After two corrections it is exact.
     for _ in range(2):
         here_x, here_y = cv2.split(remap(places, u, v))
         # Where there is no point the first guess stays.
         off_x, off_y = np.nan_to_num(wanted_x - here_x), np.nan_to_num(wanted_y - here_y)
-        u = u + slope[0, 0] * off_x + slope[0, 1] * off_y
-        v = v + slope[1, 0] * off_x + slope[1, 1] * off_y
+        u = u + along_x[0] * off_x + along_y[0] * off_y
+        v = v + along_x[1] * off_x + along_y[1] * off_y
     return u, v
 
 

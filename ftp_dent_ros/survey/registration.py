@@ -8,14 +8,13 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
@@ -32,7 +31,7 @@ from ftp_dent_ros.survey.alignment import (
 )
 from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
-from ftp_dent_ros.survey.raster import Grid
+from ftp_dent_ros.survey.raster import remap
 
 # Share of the second cloud that has to lie on the first, and points.
 LEAST_OVERLAP, _LEAST_POINTS = 0.15, 200
@@ -76,8 +75,8 @@ def register(
         Covariance of the guess: shift of the second camera along the first one's axes, metres, and
         turn about them, radians.
     known : ndarray, shape (6, 6), optional
-        What is doubted as well as it is known by others, which may be wrong: where the paint tells
-        no place within it, it is looked for within `doubt`.
+        What is doubted as well as it is known by others, which may be wrong: a place beyond it is
+        believed if what both show tells so.
 
     Raises
     ------
@@ -88,18 +87,16 @@ def register(
     start = first.frame.inverse() @ guess @ second.frame
     centre = _centre(first, few, start)
     is_painted = first.light is not None and second.light is not None
-    for each in [doubt] if known is None else [known, doubt][: 1 + is_painted]:
-        arm = first.frame.apply(centre) - guess.translation
-        axes = first.frame.rotation.as_matrix()
-        near = Guess(start, centre, seen_along(each, axes, arm))
-        best, found, remark = start, None, _NO_PAINT
-        if not near.is_right:
-            best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
-            near = replace(near, centre=_centre(first, few, best))
-        if is_painted:
-            best, found, remark = _by_paint(first, second, best, near)
-        if not remark:
-            break
+    arm, axes = first.frame.apply(centre) - guess.translation, first.frame.rotation.as_matrix()
+    known = doubt if known is None else known
+    near = Guess(start, centre, *(seen_along(each, axes, arm) for each in (doubt, known)))
+    best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
+    near = replace(near, centre=_centre(first, few, best))
+    found, remark = None, _NO_PAINT
+    if is_painted:
+        best, found, remark = _by_paint(first, second, best, near)
+    else:
+        near = replace(near, doubt=near.known)
     centre = near.centre
     if found is None:
         found = of_heights(first, samples, best, centre)
@@ -182,27 +179,24 @@ def _by_paint(
 
     Where there is none, or more than one: the pose by the shape, and why.
     """
-    samples, few, pose = second.samples, second.samples.few, near.pose
+    samples, few = second.samples, second.samples.few
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
-    if not near.is_right:
-        places = candidates(first, second, by_shape, near)
-        if len(places) > _MOST:
-            return by_shape, None, _AMBIGUOUS
-        # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
-        # on it by far more than a guess is unsure of at its own place.
-        # By how much a place may move along the skin as patches are laid on each other there: the
-        # cells that it was found by, metres.
-        held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
-        slidden = [_slid(first, few, each, near.centre, held) for each in places]
-        rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
-        left = not_worse(rough, len(places))
-        judged = (_judged(first, samples, each, near, held) for each in left)
-        # As many that are as good as the best one are enough to give up.
-        left = not_worse(judged, 2)
-        if len(left) != 1:
-            return by_shape, None, _AMBIGUOUS if left else _NOWHERE
-        pose = left[0].pose
-    pose = _solved(first, few, pose, near.centre, loose)
+    places = candidates(first, second, by_shape, near)
+    if len(places) > _MOST:
+        return by_shape, None, _AMBIGUOUS
+    # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
+    # on it by far more than a guess is unsure of at its own place.
+    # By how much a place may move along the skin as patches are laid on each other there: the
+    # cells that it was found by, metres.
+    held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
+    slidden = [_slid(first, few, each, near.centre, held) for each in places]
+    rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
+    left = not_worse(rough, _MOST)
+    # Another one that is as good as the best is enough to give up.
+    left = not_worse((_judged(first, samples, each, near, held) for each in left), 2)
+    if len(left) != 1:
+        return by_shape, None, _AMBIGUOUS if left else _NOWHERE
+    pose = _solved(first, few, left[0].pose, near.centre, loose)
     found = equations(first, samples, pose, near.centre)
     painted = len(found.residual) - found.heights
     if painted < _LEAST_POINTS or near.away(pose)[1] > _WITHIN**2:
@@ -233,12 +227,13 @@ def _solved(
     steps: int = 8,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
-    off, both = np.zeros(6), np.ix_(free, free)
+    off, free_both = np.zeros(6), np.ix_(free, free)
     for _ in range(steps):
         found = linearised(first, samples, pose, centre)
-        normal = found.both.T @ (found.both * found.weight[:, None]) + prior
-        step = np.zeros(6)
-        step[free] = -np.linalg.solve(normal[both], (found.gradient + prior @ off)[free])
+        changes = found.both
+        weighted = changes.T * found.weight
+        gradient, step = weighted @ found.residual + prior @ off, np.zeros(6)
+        step[free] = -np.linalg.solve((weighted @ changes + prior)[free_both], gradient[free])
         pose, off = moved(pose, step, centre), off + step
         # Metres and radians; the last step is by all points, and comes with its information.
         if np.abs(step).max() < 5e-5:
@@ -249,7 +244,7 @@ def _solved(
 # Pose by the shape alone; and by the coarse paint, as a patch slides and turns on the skin.
 _laid: Callable[..., Pose] = partial(_solved, linearised=of_heights, steps=2)
 _slid: Callable[..., Pose] = partial(
-    _solved, linearised=partial(of_paint, coarse=True), free=[0, 1, 5], steps=2
+    _solved, linearised=partial(of_paint, coarse=True), free=[0, 1, 5], steps=1
 )
 
 
@@ -272,23 +267,27 @@ class Guess:
         Of what both see, metres.
     doubt : ndarray, shape (6, 6)
         Covariance of the shift of the centre, and of the turn about it.
+    known : ndarray, shape (6, 6)
+        The same, by others that are rarely wrong.
     """
 
     pose: Pose
     centre: Array
     doubt: Array
+    known: Array
 
-    @property
-    def is_right(self) -> bool:
-        """Whether nothing is to be looked for."""
-        # Of a guess that is right to less than this, metres: half of what the coarse paint is
-        # smoothed by.
-        return bool(_WITHIN * np.sqrt(np.diag(self.doubt)[:2].max()) < 0.001)
+    def away(self, pose: Pose) -> tuple[Array, float, float]:
+        """How far along the skin a pose shifts the centre, its square in sigmas of the doubt.
 
-    def away(self, pose: Pose) -> tuple[Array, float]:
-        """How far along the skin a pose shifts the centre, and the square of it in sigmas."""
+        And how unlikely that is by all that is known: twice the logarithm of its odds.
+        """
         shift = ((pose @ self.pose.inverse()).apply(self.centre) - self.centre)[:2]
-        return shift, float(shift @ np.linalg.solve(self.doubt[:2, :2], shift))
+        far, near = (
+            float(shift @ np.linalg.solve(each[:2, :2], shift))
+            for each in (self.doubt, self.known)
+        )
+        # Of what others tell, one in ten thousand is wrong.
+        return shift, far, min(near, far - 2 * np.log(1e-4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +301,7 @@ class Place:
     shift : ndarray, shape (2,)
         Of the middle of what both see, along the skin, from the guess, metres.
     unlikely : float
-        Square of that, in standard deviations.
+        As of `Guess.away`.
     misfits : tuple of ndarrays, shape (n,)
         How far the samples' paints, and their heights, differ from what is below them; NaN where
         nothing is. Empty where the patches do not overlap: then the guess alone decides.
@@ -325,12 +324,13 @@ class Place:
             below = first.looked_up(first.surface, place)
             sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
             misfits.append(np.abs(place[:, 2] - below[:, 0]) / sigma)
-        shift, unlikely = near.away(pose)
+        shift, _, unlikely = near.away(pose)
         return cls(pose, shift, unlikely, tuple(misfits))
 
-    def is_same(self, other: Place) -> bool:
-        """Whether both are one place, found twice."""
-        return bool(np.hypot(*(self.shift - other.shift)) < _CELL)
+    def is_rival_of(self, best: Place) -> bool:
+        """Whether it is not clearly worse than the best place, nor that place found twice."""
+        is_same = np.hypot(*(self.shift - best.shift)) < _CELL
+        return not is_same and self.evidence_against(best) < _CLEARLY**2
 
     def evidence_against(self, other: Place) -> float:
         """Twice the logarithm of the odds of another place against this one.
@@ -352,23 +352,16 @@ class Place:
 
 
 def not_worse(places: Iterable[Place], most: int) -> list[Place]:
-    """Of some places the best, and those that are not clearly worse, in order of evidence."""
-    best: Place | None = None
+    """Of some places the best, then those that are not clearly worse: `most` of them at most."""
     left: list[Place] = []
     for place in places:
-        if best is None:
-            best = place
-        elif not place.is_same(best):
-            best, place = (place, best) if place.evidence_against(best) < 0 else (best, place)
-            if place.evidence_against(best) < _CLEARLY**2:
-                left.append(place)
-        if len(left) > most:
+        if not left or place.evidence_against(left[0]) < 0:
+            left = [place, *(each for each in left if each.is_rival_of(place))]
+        elif place.is_rival_of(left[0]):
+            left.append(place)
+        if len(left) >= most:
             break
-    if best is None:
-        return []
-    against = [(each.evidence_against(best), each) for each in left if not each.is_same(best)]
-    rivals = [each for each in against if each[0] < _CLEARLY**2]
-    return [best, *(place for _, place in sorted(rivals, key=lambda each: each[0]))]
+    return left
 
 
 def candidates(
@@ -389,11 +382,8 @@ def candidates(
     across, centre = np.sqrt(np.diag(near.doubt)), near.centre
     # As far as is looked for at most, metres: most of what a cloud sees.
     reach = np.clip(_WITHIN * across[:2], 2 * _CELL, 0.2)
-    steps = int(_WITHIN * across[5] / _TURN)
-    turns = np.arange(-steps, steps + 1) * _TURN
-    turns = turns[np.argsort(np.abs(turns), kind='stable')]
     found: list[tuple[float, NDArray[np.float64]]] = []
-    for turn in turns:
+    for turn in _turns(first, second.samples.few, guess, near):
         # That leaves no doubt that the turn is nearly right.
         if found and found[0][0] > _RIVAL:
             break
@@ -410,6 +400,16 @@ def candidates(
     return [moved(guess, step, centre) for step in kept]
 
 
+def _turns(first: SkinPatch, few: Samples, guess: Pose, near: Guess) -> Iterator[float]:
+    """Turns about the normal to look at, ever larger ones: as far as doubt and shape allow."""
+    yield 0.0
+    shape = of_heights(first, few, guess, near.centre)
+    _, told, _ = pair_information(shape, near.centre, np.zeros(2))
+    doubt = np.sqrt(np.linalg.inv(np.linalg.inv(near.doubt) + told)[5, 5])
+    for step in range(1, int(_WITHIN * doubt / _TURN) + 1):
+        yield from (step * _TURN, -step * _TURN)
+
+
 def _peaks(
     first: SkinPatch, second: SkinPatch, pose: Pose, reach: NDArray
 ) -> list[tuple[float, NDArray]]:
@@ -417,57 +417,35 @@ def _peaks(
     every = max(1, round(_CELL / first.pitch))
     size = every * first.pitch
     steps = np.ceil(reach / size).astype(int)
-    still, still_known = np.moveaxis(first.coarse[::every, ::every, [0, 3]], -1, 0)
+    still, still_known = np.moveaxis(first.paints[1][::every, ::every, [0, 3]], -1, 0)
     shape = np.array(still.shape) + 2 * steps[::-1]
-    seen, known = _seen_by_first(first, second, pose, size, steps, shape)
-
-    def correlated(a: Grid, b: Grid) -> Grid:
-        # The second image begins so many steps earlier.
-        return correlate(a, b, 'valid', 'fft')[::-1, ::-1]
-
-    count = correlated(known, still_known)
+    # On the first one's grid, that begins so many steps before it. Both are taken for flat: what
+    # their heights shift by their difference in tilt is less than a cell.
+    grid = first.corner + size * (np.moveaxis(np.indices(shape)[::-1], 0, -1) - steps)
+    back = np.linalg.inv(pose.rotation.as_matrix()[:2, :2])
+    at = ((grid - pose.translation[:2]) @ back.T - second.corner) / second.pitch
+    u, v = np.moveaxis(at.astype(np.float32), -1, 0)
+    # What lies beyond is not known; a cell beside it is not, either.
+    paint = second.paints[1]
+    known = (remap(paint[..., 3], u, v) > 0.99).astype(np.float32)
+    seen = np.nan_to_num(remap(paint[..., 0], u, v)) * known
+    # The second image begins so many steps earlier.
+    count, both, ours, theirs = (
+        cv2.matchTemplate(one, other, cv2.TM_CCORR)[::-1, ::-1]
+        for one, other in (
+            (known, still_known),
+            (seen, still),
+            (known, still**2),
+            (seen**2, still_known),
+        )
+    )
+    value = both / np.sqrt(np.maximum(ours * theirs, 1e-12))
     # Of the smaller image, that has to overlap.
-    least = 0.1 * min(still_known.sum(), known.sum())
-    squares = correlated(known, still**2) * correlated(seen**2, still_known)
-    value = correlated(seen, still) / np.sqrt(np.maximum(squares, 1e-12))
+    least = max(0.1 * min(still_known.sum(), known.sum()), 1)
     # Of two that are as alike, the one with more in common.
-    value *= (count > max(least, 1)) * np.sqrt(np.clip(count / max(count.max(), 1.0), 0, 1))
-    value = value.astype(np.float32)
+    value *= (count > least) * np.sqrt(np.clip(count / max(count.max(), 1.0), 0, 1))
     highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
     return [
         (float(value[row, column]), (np.array([column, row]) - steps) * size)
         for row, column in np.argwhere((value >= highest) & (value > _RIVAL * value.max()))
     ]
-
-
-def _seen_by_first(
-    first: SkinPatch,
-    second: SkinPatch,
-    pose: Pose,
-    size: float,
-    steps: NDArray,
-    shape: NDArray,
-) -> tuple[Grid, Grid]:
-    """Coarse paint of the second patch, and where it is known, on the grid of the first one.
-
-    The grid begins so many steps before the first patch. Both are taken for flat: what their
-    heights shift by their difference in tilt is less than a cell.
-    """
-    step = max(1, round(size / second.pitch))
-    layer = second.coarse[::step, ::step]
-    back = np.linalg.inv(pose.rotation.as_matrix()[:2, :2])
-    start = first.corner - steps * size - pose.translation[:2]
-    pitch = second.pitch * step
-    offset = (back @ start - second.corner) / pitch
-    matrix = np.column_stack([back * (size / pitch), offset])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    # One by one: OpenCV takes ten times as long for two channels together.
-    paint, known = (
-        cv2.warpAffine(
-            np.ascontiguousarray(layer[..., k]), matrix, shape[::-1].tolist(), flags=flags
-        )
-        for k in (0, 3)
-    )
-    # What lies beyond is not known; a cell beside it is not, either.
-    inside = (known > 0.99).astype(np.float32)
-    return paint * inside, inside

@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from ftp_dent_ros.recording.reader import Bag
 from ftp_dent_ros.rig.rig import Lens
 from ftp_dent_ros.survey.footprint import unrolled
 from ftp_dent_ros.survey.fusion import PIXEL, Fusion
-from ftp_dent_ros.survey.joining import Joining
+from ftp_dent_ros.survey.joining import UNPLACED, Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.result import DentRelief, SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.writing import skin_of
@@ -158,12 +157,11 @@ def join_bags(
     CloudError
         No cloud can be used, or nothing tells how they lie.
     """
-    joining, unused = Joining(), Counter[str]()
-    remarks, frame_id, without_covariance = joining.remarks, '', 0
+    joining, unused, without_covariance = Joining(), Counter[str](), 0
 
     def leave_out(sentence: str) -> None:
         """Keep what tells of one cloud, and count its reason."""
-        remarks.append(sentence)
+        joining.remarks.append(sentence)
         unused[sentence.partition(': ')[2]] += 1
 
     for flight, bag in enumerate(bags):
@@ -177,12 +175,12 @@ def join_bags(
                 continue
             covariance = item.covariance
             if item.pose is not None:
-                if frame_id not in ('', item.frame_id):
+                if joining.frame_id not in (UNPLACED, item.frame_id):
                     raise BagError(
                         f'{bag.path}: its poses are in {item.frame_id!r}, those before in '
-                        f'{frame_id!r}: survey them one by one'
+                        f'{joining.frame_id!r}: survey them one by one'
                     )
-                frame_id = item.frame_id
+                joining.frame_id = item.frame_id
                 if covariance is None or not np.any(covariance):
                     covariance, without_covariance = _UNKNOWN, without_covariance + 1
             try:
@@ -194,65 +192,52 @@ def join_bags(
         why = next(iter(unused), 'check the clouds')
         raise CloudError(f'{bags[0].path}: no cloud in it can be used: {why}')
     joining.finish()
-    clouds = len(joining.numbers)
+    parts, clouds, without_skin = joining.parts(), len(joining.numbers), joining.without_skin
     unplaced = sum(node.covariance is None for node in joining.graph.nodes)
-    counted = (
-        (
-            unplaced,
-            f'of {clouds} clouds have no pose: they are placed by what they share with the others '
-            'alone' + ('' if frame_id else ', in a frame of their own'),
-        ),
-        (without_covariance, 'poses do not state how good they are: 30 mm is taken'),
-        (
-            joining.without_skin,
-            f'of {clouds} clouds have no image of the skin: along the skin only '
-            f'{"the autopilot" if frame_id else "their shape"} tells where they lie; record /skin '
-            'too',
-        ),
-        *((count, f'clouds or messages are not used: {why}') for why, count in unused.items()),
-    )
-    # First what is said of the whole, then cloud by cloud.
-    remarks[:0] = _ties(joining, bags[0].path) + [
-        f'{count} {text}' for count, text in counted if count
-    ]
-    joining.frame_id = frame_id or joining.frame_id
-    return joining
-
-
-def _ties(joining: Joining, source: Path) -> list[str]:
-    """What is to be said if the clouds are no one skin.
-
-    Raises
-    ------
-    CloudError
-        Nothing places them.
-    """
-    parts, clouds, remarks = joining.parts(), len(joining.numbers), []
-    is_placed = any(node.covariance is not None for node in joining.graph.nodes)
-    if len(parts) > 1 and not is_placed and joining.without_skin == clouds:
+    if len(parts) > 1 and unplaced == without_skin == clouds:
         raise CloudError(
-            f'{source}: has neither poses nor images of the skin, and its shape alone does '
+            f'{bags[0].path}: has neither poses nor images of the skin, and its shape alone does '
             'not tell how the clouds lie: record /skin and /tagged/camera_pose too'
         )
-    if len(parts) > 1:
-        remarks.append(
+    loose = clouds - sum(np.bincount(part.graph.groups()).max() for part in parts)
+    days = (max(joining.numbers) - min(joining.numbers)) // 86_400_000_000_000
+    # First what is said of the whole, then cloud by cloud.
+    said = (
+        (
+            len(parts) > 1,
             f'the clouds are not one skin but {len(parts)} parts, the largest of '
             f'{len(parts[0].numbers)} of {clouds} clouds: only the autopilot tells how these lie '
-            'to each other, if anything does, so that each is surveyed by itself'
-        )
-    loose = clouds - sum(np.bincount(part.graph.groups()).max() for part in parts)
-    if loose:
-        remarks.append(
+            'to each other, if anything does, so that each is surveyed by itself',
+        ),
+        (
+            loose,
             f'{loose} of {clouds} clouds are tied to the most of theirs by poses alone: what '
-            'they show is not averaged with it, and their dents lie as well as the poses do'
-        )
-    days = (max(joining.numbers) - min(joining.numbers)) / 86_400e9
-    if days > 1:
-        remarks.append(
-            f'{days:.0f} days are between the first cloud and the last: what has changed between '
-            'them is averaged; survey the flights one by one, and compare'
-        )
-    return remarks
+            'they show is not averaged with it, and their dents lie as well as the poses do',
+        ),
+        (
+            days,
+            f'{days} days are between the first cloud and the last: what has changed between '
+            'them is averaged; survey the flights one by one, and compare',
+        ),
+        (
+            unplaced,
+            f'{unplaced} of {clouds} clouds have no pose: they are placed by what they share with '
+            f'the others alone{"" if unplaced < clouds else ", in a frame of their own"}',
+        ),
+        (
+            without_covariance,
+            f'{without_covariance} poses do not state how good they are: 30 mm is taken',
+        ),
+        (
+            without_skin,
+            f'{without_skin} of {clouds} clouds have no image of the skin: along the skin only '
+            f'{"the autopilot" if unplaced < clouds else "their shape"} tells where they lie; '
+            'record /skin too',
+        ),
+        *((n, f'{n} clouds or messages are not used: {why}') for why, n in unused.items()),
+    )
+    joining.remarks[:0] = [text for count, text in said if count]
+    return joining
 
 
 class FusedSkin:
@@ -277,21 +262,18 @@ class FusedSkin:
         for number in np.lexsort((self._groups, sizes[self._groups])):
             share = joined.footprints[number].share
             self.mosaic.claim(places[number], share, self._groups[number])
-        # A cloud by itself has none.
+        # What the clouds of a group tell together: of one by itself there is none.
         self._fusions = {
             group: Fusion(
                 skin, *_extent([places[k] for k in np.flatnonzero(self._groups == group)])
             )
             for group in np.flatnonzero(sizes > 1)
         }
-        self._nothing = Fusion(skin, self.mosaic.low - 1, self.mosaic.low - 1)
         for item, pose, number in self._clouds(False):
-            self._fusion(number).add(item.cloud, pose)
+            fusion = self._fusions.get(self._groups[number])
+            if fusion:
+                fusion.add(item.cloud, pose)
             progress()
-
-    def _fusion(self, number: int) -> Fusion:
-        """What the clouds that are tied to one tell together."""
-        return self._fusions.get(self._groups[number], self._nothing)
 
     def _clouds(self, photographs: bool) -> Iterator[tuple[SeenCloud, Pose, int]]:
         """The clouds that were joined, each the first time that it comes, poses and numbers."""
@@ -301,7 +283,7 @@ class FusedSkin:
             for item in bag_clouds(bag, photographs=photographs, unplaced=True):
                 number = numbers.pop(item.stamp_ns, None)
                 if number is not None:
-                    yield item, graph.poses[number], number
+                    yield item, graph.pose(number), number
 
     def inspected(
         self, settings: SmallestDent, photographs: bool = True
@@ -314,7 +296,8 @@ class FusedSkin:
         graph = self._joined.graph
         among_them = graph.covariances(anchor=len(graph.poses) // 2)
         for item, pose, number in self._clouds(photographs):
-            cloud, covariance = self._fusion(number).fused(item.cloud, pose), among_them[number]
+            fusion, covariance = self._fusions.get(self._groups[number]), among_them[number]
+            cloud = fusion.fused(item.cloud, pose) if fusion else item.cloud
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
             found = outcome.found
@@ -334,7 +317,7 @@ class FusedSkin:
         It is in doubt where more clouds than are tied to that one show the place.
         """
         dent, joined = entry.dent, self._joined
-        known = joined.graph.poses[number], joined.covariances[number]
+        known = joined.graph.pose(number), joined.covariances[number]
         owner, sizes = self.mosaic.owner(dent.position), np.bincount(self._groups)
         if owner >= 0 and sizes[owner] > sizes[self._groups[number]]:
             doubt = (
@@ -345,8 +328,10 @@ class FusedSkin:
         return replace(entry, dent=dent, position_covariance=spread)
 
     def relief(self, dent: MeasuredDent, number: int) -> DentRelief | None:
-        """The skin about a dent by what is tied to a cloud; None where its sizes are not known."""
-        if dent.is_cut or not (dent.length.is_measured and dent.width.is_measured):
+        """The skin about a dent by what is tied to a cloud; None if nothing is, or it is cut."""
+        fusion = self._fusions.get(self._groups[number])
+        is_known = not dent.is_cut and dent.length.is_measured and dent.width.is_measured
+        if fusion is None or not is_known:
             return None
         # Of the skin that is kept about a dent: times the dent's own sizes, metres beside them,
         # and points across, at most.
@@ -355,7 +340,7 @@ class FusedSkin:
         columns, rows = np.ceil(halves / spacing).astype(int)
         empty = np.full((2 * rows + 1, 2 * columns + 1), np.nan, np.float32)
         plane = DentRelief(spacing, empty).plane(dent)
-        heights = (self._fusion(number).heights(plane) - dent.position) @ dent.normal
+        heights = (fusion.heights(plane) - dent.position) @ dent.normal
         return DentRelief(spacing, heights.astype(np.float32))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bag_samples import SECOND
 from dent_samples import make_dent
-from flown_skin import COLUMNS, ROWS, SPACING, FlownSkin, erring
+from flown_skin import COLUMNS, ROWS, SPACING, STATED, FlownSkin, erring
 from flown_surveys import START_NS, record
 from scipy.spatial.transform import Rotation
 
@@ -161,6 +161,17 @@ def test_clouds_without_a_pose_are_used_and_counted(tmp_path, skin):
     assert found['coverage']['area_m2'] == pytest.approx(area, rel=0.06)
     assert found['remarks'][0].startswith('3 of 5 clouds have no pose')
     assert found['frame_id'] == 'map' and not (tmp_path / 'out' / 'part-2').exists()
+
+
+def test_a_lap_is_one_step_as_long_as_it_was_seen(tmp_path):
+    lapped = FlownSkin(35, dents=((0.1, -0.05, 0.03, 3e-4),), lap=(0.0, 1.2e-3))
+    poses = [pose for _ in range(2) for pose in lapped.flight(6, y=-0.04)]
+    bag = record(tmp_path / 'flight', lapped, poses, poses, covariance=STATED / 1e4)
+    assert main(['survey', str(bag), '--output', str(tmp_path / 'out')]) == 0
+    found = json.loads((tmp_path / 'out' / 'survey.json').read_text())['dents']
+    (step,) = (each for each in found if each['kind'] == 'step')
+    assert step['depth_mm'] == pytest.approx(1.2, abs=0.02)
+    assert step['length_mm'] == pytest.approx(1e3 * (5 * 0.05 + COLUMNS * SPACING), abs=15)
 
 
 def test_a_bag_of_another_rig_is_refused(tmp_path, skin, capsys):
