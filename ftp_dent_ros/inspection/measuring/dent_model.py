@@ -10,12 +10,12 @@ from scipy.optimize import least_squares
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
-from ftp_dent_ros.inspection.measuring.sizes import Sizes
+from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes
 
 # Cells that the function is fitted to, at most: for speed.
 _CELLS = 400
 # Eq. 18 at 10 % of its depth, as a part of its axes.
-_OF_AXES = 0.835
+_OF_AXES = math.sqrt(1 - 1 / (1 - math.log(LEVEL)))
 # exp(1 - 1/q) and its slopes vanish below.
 _RIM = 2e-2
 # Of a normal matrix whose diagonal is 1.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -15,7 +16,7 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 #: Places a square metre that noise alone lists.
 RATE = 0.05
 #: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
-TENTH = 4.292
+TENTH = 2 * math.sqrt(2 * math.log(10))
 # Standard deviations that the rest of a place departs by.
 _EDGE = 3.0
 #: Part of the smallest depth that a smoothed place has at least, and that of its rest.

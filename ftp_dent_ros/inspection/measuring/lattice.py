@@ -17,8 +17,8 @@ from ftp_dent_ros.robust import median
 _FEWEST_POINTS = 300
 # A cloud whose neighbours lie so far apart is not in metres.
 _WIDEST_SPACING = 0.05
-# Neighbours whose median distance is the spacing, about.
-_PAIRS = 5000
+#: Points that medians and first contours are taken of, about: for speed.
+ENOUGH = 5000
 # Cells across the smallest dent.
 _CELLS = 5
 # Points of a cloud that does not state its resolution show waves of so many spacings by half.
@@ -187,7 +187,7 @@ def _checked(cloud: Cloud) -> NDArray[np.float64]:
             f'only {count} points of the cloud are measured, too few to know the skin: '
             f'give a cloud of {_FEWEST_POINTS} or more'
         )
-    step = max(1, int(np.sqrt(count / 5000)))
+    step = max(1, int(np.sqrt(count / ENOUGH)))
     some = cloud.points[::step, ::step][finite[::step, ::step]]
     some = some if len(some) else cloud.points[finite]
     axes = some.astype(float).T
@@ -206,7 +206,7 @@ def _spacing(points: NDArray, finite: NDArray[np.bool_], axis: int) -> float:
     pairs = np.flatnonzero(finite[here] & finite[there])
     if not len(pairs):
         raise CloudError('the points of the cloud have no neighbours: give a dense cloud')
-    row, column = np.unravel_index(pairs[:: 1 + len(pairs) // _PAIRS], finite[here].shape)
+    row, column = np.unravel_index(pairs[:: 1 + len(pairs) // ENOUGH], finite[here].shape)
     width = finite.shape[1]
     one = width * row + column
     flat = points.reshape(-1, 3)

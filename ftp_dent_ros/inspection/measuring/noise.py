@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.response import OF_NOISE, left_out, white_noise
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
-# Cells that a median is taken of, about.
-_ENOUGH = 5000
 #: Standard deviations that one place does not stray by chance: it does in one of two million.
 SURE = 5.0
 # Below this no cloud is trusted, metres.
@@ -117,8 +115,8 @@ def smoothed(values: Map, valid: Mask, cells: tuple[float, float]) -> Map:
 
 
 def median_of(values: NDArray) -> float:
-    """Median of about 5000 of the values, shape (n,), spread evenly."""
-    return median(values[:: 1 + len(values) // _ENOUGH])
+    """Median of about `ENOUGH` of the values, shape (n,), spread evenly."""
+    return median(values[:: 1 + len(values) // ENOUGH])
 
 
 def rough_noise(height: Map, valid: Mask) -> float:
@@ -174,7 +172,7 @@ def measured_noise(
 
 def _some(mask: Mask) -> NDArray[np.intp]:
     cells = np.flatnonzero(mask)
-    return cells[:: 1 + len(cells) // _ENOUGH]
+    return cells[:: 1 + len(cells) // ENOUGH]
 
 
 def _strayed(values: Map, cells: NDArray[np.intp]) -> float:

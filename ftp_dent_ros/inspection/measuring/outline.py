@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.inspection.measuring.moments import Moments
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 
-_RAYS, _SAMPLES = 64, 48
+_RAYS, _SAMPLES = 48, 96
 # Along each, in radii of the ellipse with the same moments.
 _ALONG = np.linspace(0, 2.2, _SAMPLES)
 # Harmonics of the outline about its ellipse: at most, and at least; all of them where the level
@@ -141,7 +141,7 @@ def find_outline(
     c, s = math.cos(angle), math.sin(angle)
     # From the unit circle to the ellipse.
     stretch = np.array([[-wide * s, long * c], [wide * c, long * s]]) / 2
-    ray = (stretch @ _circle())[..., None] * _ALONG
+    ray = (stretch @ _circle(_RAYS))[..., None] * _ALONG
     columns, rows = moments.column + ray[0], moments.row + ray[1]
     depths = patch.at(patch.depth, columns, rows)
     # One cell more, so that the crossing behind the last cell is seen.
@@ -158,7 +158,9 @@ def find_outline(
     spectrum = np.fft.rfft(crossing)
     spectrum[int(min(max(_HARMONICS * clear, _FEWEST), _HARMONICS)) + 1 :] = 0
     out = np.array([[moments.column], [moments.row]])
-    out = out + middle * np.fft.irfft(spectrum, _RAYS) * (stretch @ _circle())
+    # Twice as many points as rays: a polygon is smaller than its curve.
+    radius = 2 * np.fft.irfft(spectrum, 2 * _RAYS)
+    out = out + middle * radius * (stretch @ _circle(2 * _RAYS))
     column, row = np.clip(out, 0, [[each - 1] for each in part.shape[::-1]])
     x, y = (patch.at(each, column, row, cv2.INTER_LINEAR) for each in (patch.x, patch.y))
     # A range is its half over the root of three uncertain.
@@ -168,9 +170,9 @@ def find_outline(
 
 
 @cache
-def _circle() -> NDArray[np.float64]:
-    """Points of the unit circle, evenly spread, shape (2, rays)."""
-    angles = np.arange(_RAYS) * 2 * math.pi / _RAYS
+def _circle(count: int) -> NDArray[np.float64]:
+    """Points of the unit circle, evenly spread, shape (2, count)."""
+    angles = np.arange(count) * 2 * math.pi / count
     return np.stack([np.cos(angles), np.sin(angles)])
 
 

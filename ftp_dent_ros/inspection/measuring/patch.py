@@ -24,8 +24,6 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 _MARGIN, _CELLS = 0.45, 5
 # Cells of a patch across a place, and of its window at most.
 _ACROSS, _MOST = 32, 12_000
-# Cells that show how places follow the grid.
-_FITTED = 500
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
 #: Of what is put back: how far resolutions are off, as a part of it.
@@ -91,11 +89,10 @@ class Patch:
     @cached_property
     def _to_cells(self) -> Map:
         """From 1, x and y to columns and rows, shape (3, 2)."""
-        every = max(1, self.x.size // _FITTED)
-        rows, columns = np.divmod(np.arange(0, self.x.size, every), self.x.shape[1])
-        at = rows, columns
-        terms = np.stack([np.ones(len(rows)), self.x[at], self.y[at]], axis=1)
-        return np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
+        rows, columns = np.indices(self.x.shape, float).reshape(2, -1)
+        terms = np.stack([np.ones(self.x.size), self.x.ravel(), self.y.ravel()], axis=1)
+        found = np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
+        return np.asarray(found, float)
 
     @cached_property
     def strays(self) -> Map:
@@ -214,10 +211,8 @@ def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
     if not known.all():
         v, u = np.mgrid[: size[1], : size[0]] / max(size)
         terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-        some = np.flatnonzero(known)
-        some = some[:: 1 + len(some) // _FITTED]
         for places in (x, y):
-            fit = np.linalg.lstsq(terms.reshape(-1, 6)[some], places.ravel()[some], rcond=None)[0]
+            fit = np.linalg.lstsq(terms[known], places[known], rcond=None)[0]
             places[~known] = terms[~known] @ fit
     return [x, y, *others], known
 

@@ -12,7 +12,7 @@ from ftp_dent_ros.inspection.measuring.segmentation import nearest
 
 # Part of its height by which the saddle to a deeper maximum lies lower.
 _DROP = 0.12
-_LEVELS, _MOST = 32, 40
+_LEVELS = 32
 
 
 def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
@@ -28,7 +28,7 @@ def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
     unsure = np.hypot(patch.strays, patch.doubt)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
     at = np.argwhere((values == top) & patch.own & (values > least))
-    order = np.argsort(-values[tuple(at.T)], kind='stable')[:_MOST]
+    order = np.argsort(-values[tuple(at.T)], kind='stable')
     at, heights = at[order], values[tuple(at[order].T)]
     if len(at) < 2:
         return [(int(row), int(column)) for row, column in at]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, fit_contour
 from ftp_dent_ros.inspection.measuring.gaps import GAP, gaps_of
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of, rough_noise, smoothed
 
 # A neighbour so many spacings away is on another skin.
@@ -19,8 +19,6 @@ _JUMP = 4.0
 # Side of the smallest skin, and of the smallest one beside another without a gap, smallest widths.
 _SMALLEST, _SMALLEST_SECOND = 3.0, 4.0
 _MOST = 8
-# Cells that a first contour is fitted to, about.
-_FITTED = 4000
 # Part of a skin, or of its rim, that strays before no contour explains it: dents are fewer.
 _STRAYS = 0.3
 # Part of its height that the border of another skin rises by within a cell's neighbours: half of
@@ -115,7 +113,7 @@ class _Split:
     def _depths(self, part: Mask, noise: float) -> tuple[Contour, Map]:
         """Contour of a part, and how deep its cells lie below it; 0 elsewhere."""
         cells = np.flatnonzero(part)
-        points = self._lattice.points.reshape(-1, 3)[cells[:: 1 + len(cells) // _FITTED]]
+        points = self._lattice.points.reshape(-1, 3)[cells[:: 1 + len(cells) // ENOUGH]]
         contour = fit_contour(points, self._viewpoint, noise, self._rng)
         return contour, np.where(part, contour.depth(self._lattice.points), np.float32(0))
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.outline import Outline, find_outline, part_above
@@ -15,9 +16,9 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 
 #: Of the depth, where length, width and area are measured.
 LEVEL = 0.1
-# Times that a dent is measured again, and how much wider that makes an interval of 95 %
-# (Student's distribution, 11 degrees of freedom).
-_TIMES, _WIDER = 12, 1.12
+# Times that a dent is measured again, and how much wider that makes an interval of 95 %.
+_TIMES = 12
+_WIDER = stats.t.ppf(0.975, _TIMES - 1) / stats.norm.ppf(0.975)
 # Part of the depth above which a quadric is laid through the bottom, and its fewest cells.
 _CAP, _FEWEST = 0.85, 12
 # Of the depth, for the radius at the bottom; and places across it, in widths.
