@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 import traceback
 from contextlib import ExitStack
@@ -17,9 +16,6 @@ from rclpy.signals import SignalHandlerOptions
 from ftp_dent_ros.errors import FtpDentError, missing_package
 from ftp_dent_ros.ros.node import ThreadedExecutor
 from ftp_dent_ros.supervision.processes import stop_event
-
-# Of nice(2): a tenth of the processor where a node that measures asks for it too.
-_LATER = 10
 
 
 def node_class(name: str) -> Any:
@@ -46,10 +42,7 @@ def main() -> int:
             # Not rclpy's own handlers: they end the context while threads still publish.
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             ending.callback(rclpy.try_shutdown)
-            kind = node_class(name)
-            if kind.waits:
-                os.nice(_LATER)
-            node = kind()
+            node = node_class(name)()
         except ModuleNotFoundError as error:
             print(f'{name}: {missing_package(error)}', file=sys.stderr)
             return 2

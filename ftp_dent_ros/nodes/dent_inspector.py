@@ -55,7 +55,6 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
     """Node that turns clouds into dents, and keeps the list of a flight's."""
 
     threads = 2
-    waits = True
 
     def __init__(self, **options: Any) -> None:
         super().__init__('dent_inspector', **options)

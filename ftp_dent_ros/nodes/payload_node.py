@@ -37,8 +37,6 @@ class PayloadNode(Node, Generic[Settings]):
     given: Settings
     #: Of its executor: more than one for a node with a callback that waits.
     threads = 1
-    #: Whether its work waits for the processor while photographs are measured.
-    waits = False
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)

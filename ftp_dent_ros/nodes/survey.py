@@ -33,8 +33,6 @@ from ftp_dent_ros.survey.joining import Joining
 class Survey(PayloadNode[SurveySettings]):
     """Node that joins a flight's clouds to one skin."""
 
-    waits = True
-
     def __init__(self, **options: Any) -> None:
         super().__init__('survey', **options)
         given = self.given

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 
 import pytest
@@ -33,19 +32,6 @@ def test_every_node_reports_and_ends_well_on_a_signal(ros, rig_file):
     for name, process in processes.items():
         assert process.wait() == 0, f'{name}: {process.output}'
         assert 'Traceback' not in process.output
-
-
-def test_what_reads_clouds_gives_way_to_what_measures_them(ros, rig_file):
-    started = {name: ros.start(name) for name in ('dent_inspector', 'survey')}
-    started['reconstruction'] = ros.start('reconstruction', rig=rig_file)
-    states = [ros.diagnostics(name) for name in started]
-    ros.until(lambda: all(state() for state in states))
-    priority = {
-        name: os.getpriority(os.PRIO_PROCESS, process.pid) for name, process in started.items()
-    }
-    own = os.getpriority(os.PRIO_PROCESS, 0)
-    assert priority['reconstruction'] == own
-    assert priority['dent_inspector'] == priority['survey'] == min(own + 10, 19)
 
 
 def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
