@@ -404,8 +404,8 @@ def _turns(first: SkinPatch, few: Samples, guess: Pose, near: Guess) -> Iterator
     """Turns about the normal to look at, ever larger ones: as far as doubt and shape allow."""
     yield 0.0
     shape = of_heights(first, few, guess, near.centre)
-    _, told, _ = pair_information(shape, near.centre, np.zeros(2))
-    doubt = np.sqrt(np.linalg.inv(np.linalg.inv(near.doubt) + told)[5, 5])
+    _, information, _ = pair_information(shape, near.centre, np.zeros(2))
+    doubt = np.sqrt(np.linalg.inv(np.linalg.inv(near.doubt) + information)[5, 5])
     for step in range(1, int(_WITHIN * doubt / _TURN) + 1):
         yield from (step * _TURN, -step * _TURN)
 
