@@ -374,12 +374,13 @@ def test_latched_messages_reach_those_who_come_later(ros, tmp_path):
     player = ros.command('replay', bag, '--rate', '0.5', *topics)
     ros.until(lambda: heard.data)
     late = Listener(ros, String, pattern, LATCHED)
-    # The one before may come first: a publisher keeps what reliable subscriptions still need.
     ros.until(lambda: 'new' in late.texts)
     # Words are best effort: a busy machine may miss some.
     assert player.stop(signal.SIGINT) == 0
     assert late.texts[-1] == 'new'
     assert heard.texts == sorted(heard.texts)
+    if set(late.texts) != {'new'}:
+        pytest.xfail('the one before came first: a publisher keeps ten messages')
 
 
 def test_topics_under_other_names_without_those_that_ros_refuses(ros, tmp_path):

@@ -28,11 +28,11 @@ _SHOWN = np.float32(stats.chi2.isf(1e-3, _COUNT) / _COUNT)
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
 # Widths of windows over which noise is a mean: 9 windows count. Energy is the mean over one.
-_OF_NOISE = 3.0
+_AVERAGED = 3.0
 # Energy over the noise's from which on the rest may be the skin's shape, at a place and all
 # around: two standard deviations.
 _STRAYS, _AROUND = (
-    np.float32(1 + 2 * math.sqrt(2 / count)) for count in (_COUNT, _COUNT * _OF_NOISE**2)
+    np.float32(1 + 2 * math.sqrt(2 / count)) for count in (_COUNT, _COUNT * _AVERAGED**2)
 )
 
 
@@ -89,7 +89,7 @@ def denoise(
         smooth, *smooths = (mean.flat_top(x, width) for x in (low, *lows))
         detail = (low - smooth) * mask
         details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
-        contrast, amplitude = (mean.variance(x, _OF_NOISE * width) for x in details)
+        contrast, amplitude = (mean.variance(x, _AVERAGED * width) for x in details)
         contrast, amplitude = (
             np.maximum(x, white.energy[octave] * posterior) for x in (contrast, amplitude)
         )
@@ -101,7 +101,7 @@ def denoise(
         energy = mean.of(detail * detail, width)
         change = np.minimum(contrast, amplitude)
         # Where there is shape all around, more of it is likelier than twice the change.
-        around = mean.of(detail * detail, _OF_NOISE * width)
+        around = mean.of(detail * detail, _AVERAGED * width)
         change = np.where(around > _AROUND * noise, change, np.maximum(noise, change))
         signal = np.where(energy > _STRAYS * noise, energy - noise, 0)
         taken = change / np.maximum(energy, np.float32(1e-12))
