@@ -107,7 +107,8 @@ def _waves(
     both = np.stack([np.cos(turn), -np.sin(turn)], axis=-1)
     terms = np.concatenate([np.broadcast_to(quadric, (*v.shape, 6)), both], axis=-1)
     weighted = (terms * weight[..., None]).transpose(0, 2, 1)
-    found = np.linalg.solve(weighted @ terms, weighted @ level[..., None])
+    # Blocks of few nodes do not tell all of them.
+    found = np.linalg.pinv(weighted @ terms, hermitian=True) @ (weighted @ level[..., None])
     left = np.square(level[..., None] - terms @ found)[..., 0]
     return found[:, -2:, 0] @ [1, 1j], (weight * left).sum(axis=1) / weight.sum(axis=1)
 

@@ -119,6 +119,13 @@ class BinGrid:
         values: Any = cv2.resize(nodes, self.shape[::-1], interpolation=cv2.INTER_LINEAR)
         return values
 
+    def at_pixels(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values at the nodes or bins, interpolated to the pixels."""
+        rows, columns = self.shape
+        size = columns * self.step, rows * self.rows
+        pixels: Any = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+        return pixels[: self.height, : self.width]
+
     def repeated(self, nodes: NDArray[Any]) -> NDArray[Any]:
         """Values at the nodes, each for all of its bins."""
         return np.repeat(nodes, self.node, axis=1)

@@ -21,6 +21,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid, GridGeom
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.orders import WORD, OrderLikelihood
+from ftp_dent_ros.profilometry.fringe_model.paint import divide_paint
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, Pixels, Sheet
 from ftp_dent_ros.profilometry.fringe_model.points import Points
 from ftp_dent_ros.profilometry.fringe_model.register import lead_of_paint
@@ -79,7 +80,8 @@ class FringeModel:
         grid = self.grid
         stripe = self.pattern.code == 'stripe'
         light = Light.of(photograph, grid, stripe)
-        start = fit_planes(grid, light, self._planes, self._steps)
+        start = self._started(light)
+        light, start = divide_paint(photograph, grid, light, start, self._started)
         usable = grid.at_nodes(light.usable)
         clipped = usable < 1 - usable
         fringes = start.surface >= 0
@@ -112,6 +114,10 @@ class FringeModel:
     @cached_property
     def _pixels(self) -> Pixels:
         return Pixels(self.rig, self.grid, self.stride)
+
+    def _started(self, light: Light) -> Start:
+        """The first fit."""
+        return fit_planes(self.grid, light, self._planes, self._steps)
 
     def _on_panel(self, phase: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Bins that the panel lights, but for its blurred rim."""

@@ -196,10 +196,8 @@ def _leaps(
         else:
             seen[[0, -1]] = False
         for sign in (-1, 1):
-            places = [
-                (round(sign * k * u * along_u), round(sign * k * v * along_v))
-                for k in (ASIDE, 2 * ASIDE)
-            ]
+            aside = sign * round(u * ASIDE * along_u), sign * round(v * ASIDE * along_v)
+            places = [(k * aside[0], k * aside[1]) for k in (1, 2)]
             near.append(moved(wrapped, *places[0]))
             far.append(moved(wrapped, *places[1]))
             beside.append(moved(rest, *places[0]))

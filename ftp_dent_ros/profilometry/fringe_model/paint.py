@@ -1,0 +1,193 @@
+"""Paint whose edges most windows hold: the albedo where it leaps, divided out of the light.
+
+Fringes change the light slowly, printed squares and letters at once. What the light's logarithm
+leaps by, and fringes cannot, are the albedo's gradients (eq. 13).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dctn, idctn
+from scipy.sparse.linalg import LinearOperator, cg
+
+from ftp_dent_ros.photograph.photograph import Photograph
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, FAINTEST, Start
+from ftp_dent_ros.robust import deviation
+
+# Pixels of a cell at most: as wide as an edge that a lens shows.
+_CELL = 4
+# What the phase may be off in each round, radians: at first anything.
+_OFF = 1.0, DEVIATION, DEVIATION, DEVIATION
+# Standard deviations that a leap exceeds: noise does so in one of 16,000 cells.
+_SURE = 4.0
+# Cells that show noise.
+_FEW = np.s_[::3, ::3]
+# Least light of the fringes over their level.
+_DARKEST = 0.05
+# Steps to the albedo: what is left of its gradients is a hundredth, less than they are right to.
+_STEPS = 12
+
+Leaps = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+def divide_paint(
+    photograph: Photograph,
+    grid: BinGrid,
+    light: Light,
+    start: Start,
+    fit: Callable[[Light], Start],
+) -> tuple[Light, Start]:
+    """Divide the albedo out of the light, as often as the phase gets surer by that.
+
+    Parameters
+    ----------
+    fit : callable
+        The first fit to a light.
+
+    Returns
+    -------
+    light : Light
+        That of skin of the mean albedo; the given one unless most windows hold edges of paint.
+    start : Start
+        The first fit to it.
+    """
+    cells = replace(grid, step=min(grid.step, _CELL), rows=min(grid.rows, _CELL))
+    lit = start.own.swing > FAINTEST
+    if not lit.any():
+        return light, start
+    inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
+    fine = light.unbroken
+    if cells != grid:
+        fine = Light.of(photograph, cells, light.has_stripe).unbroken
+    for off in _OFF:
+        phase = _in_cells(grid, cells, start.phase)
+        fringes = _fringes(grid, cells, fine, phase, start, inside)
+        leaps = _leaps(cells, fine, fringes, phase, inside, off)
+        if not _held_by_most_windows(cells, leaps, inside):
+            break
+        paint = _integral(leaps)
+        paint -= paint[inside].mean()
+        shown = Light.of(photograph, grid, light.has_stripe, cells.at_pixels(np.exp(paint)))
+        found = fit(shown)
+        if _doubt(found, lit) > _doubt(start, lit):
+            break
+        light, start = shown, found
+    return light, start
+
+
+def _doubt(start: Start, lit: NDArray[np.bool_]) -> float:
+    """Mean logarithm of the phase's variance, but for a constant."""
+    fit = start.own
+    return float(
+        np.log(np.maximum(fit.rest, 1e-3) / np.square(np.maximum(fit.swing, 1)))[lit].mean()
+    )
+
+
+def _in_cells(grid: BinGrid, cells: BinGrid, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
+    return cells.binned(grid.at_pixels(nodes))
+
+
+def _fringes(
+    grid: BinGrid,
+    cells: BinGrid,
+    light: NDArray[np.float32],
+    phase: NDArray[np.float32],
+    start: Start,
+    inside: NDArray[np.bool_],
+) -> NDArray[np.float32]:
+    """Light of the fringes over their level, by the mean waveform, in cells."""
+    level, swing = (
+        _in_cells(grid, cells, grid.smooth_nodes(each, 2 * WIDTH))
+        for each in (start.own.level, start.own.swing)
+    )
+    contrast = np.clip(swing / np.maximum(level, 1), 0, 1)
+    return np.maximum(1 + contrast * np.cos(phase), np.float32(_DARKEST))
+
+
+def _leaps(
+    cells: BinGrid,
+    light: NDArray[np.float32],
+    fringes: NDArray[np.float32],
+    phase: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    off: float,
+) -> list[Leaps]:
+    """Leaps of the albedo's logarithm from cell to cell along u and along v, and their weights.
+
+    A leap is more than what the phase, so much off, makes of fringes of the light's range about.
+    In their troughs, where the range leaves hardly any light, leaps have no weight.
+    """
+    box = np.ones(cells.half_fringe[::-1], np.uint8)
+    range_ = np.maximum(cv2.dilate(light, box) - cv2.erode(light, box), 2 * FAINTEST)
+    known = np.log(np.maximum(light, FAINTEST)), np.log(fringes)
+    leaps = []
+    for axis, fringe in ((1, cells.fringe[0]), (0, cells.fringe[1])):
+
+        def ends(values, axis=axis):
+            return (np.delete(values, each, axis) for each in (-1, 0))
+
+        (before, after), most = ends(light), np.maximum(*ends(range_))
+        rise, own = (np.diff(each, axis=axis) for each in known)
+        beyond = np.abs(after - before - own * (before + after) / 2)
+        within = np.logical_and(*ends(inside))
+        noise = _SURE * deviation(beyond[_FEW][within[_FEW]])
+        turn = np.abs(np.diff(phase, axis=axis)) + np.float32(1 / (WIDTH * fringe))
+        bound = np.fmax(np.float32(off / 2) * turn * most, np.float32(noise))
+        edge = (beyond > bound).view(np.uint8)
+        edge = cv2.dilate(edge, np.ones((1, 3) if axis else (3, 1), np.uint8)) > 0
+        darker = np.square(np.minimum(before, after))
+        weight = darker / (darker + np.square(np.float32(DEVIATION / 2) * most))
+        leaps.append((np.where(edge & within, rise - own, 0), weight + np.float32(1e-3)))
+    return leaps
+
+
+def _held_by_most_windows(cells: BinGrid, leaps: list[Leaps], inside: NDArray[np.bool_]) -> bool:
+    """Whether edges are within half a fringe of most cells."""
+    edges = np.zeros(inside.shape, np.uint8)
+    (across, _), (down, _) = leaps
+    edges[:, 1:] |= across != 0
+    edges[1:] |= down != 0
+    high, wide = (2 * math.ceil(n * 2 * WIDTH) + 1 for n in cells.fringe[::-1])
+    near = cv2.dilate(edges, np.ones((high, wide), np.uint8)) > 0
+    return 2 * np.count_nonzero(near & inside) > np.count_nonzero(inside)
+
+
+def _integral(leaps: list[Leaps]) -> NDArray[np.float32]:
+    """Values whose differences from cell to cell are the leaps, by weighted least squares."""
+    (across, of_u), (down, of_v) = leaps
+    shape = len(across), len(down[0])
+    bend = [2 - 2 * np.cos(np.pi * np.arange(n, dtype=np.float32) / n) for n in shape]
+    bends = np.add.outer(*bend)
+    bends[0, 0] = 1
+
+    def divergence(along_u, along_v):
+        sums = np.zeros(shape, np.float32)
+        sums[:, :-1] -= along_u
+        sums[:, 1:] += along_u
+        sums[:-1] -= along_v
+        sums[1:] += along_v
+        return sums.ravel()
+
+    def normal(values):
+        values = values.reshape(shape)
+        return divergence(of_u * np.diff(values, axis=1), of_v * np.diff(values, axis=0))
+
+    def even(sums):
+        # Exact where all weights are one.
+        return idctn(dctn(sums.reshape(shape)) / bends).ravel()
+
+    size = math.prod(shape)
+    of = {'shape': (size, size), 'dtype': np.float32}
+    operator, inverse = LinearOperator(matvec=normal, **of), LinearOperator(matvec=even, **of)
+    sums = divergence(of_u * across, of_v * down)
+    values: Any = cg(operator, sums, rtol=0, maxiter=_STEPS, M=inverse)[0]
+    return values.reshape(shape)
