@@ -12,6 +12,7 @@ from ftp_dent_ros.errors import NoStripeError, TooDarkError
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Surface
 from ftp_dent_ros.simulation.dents import Gaussian
+from ftp_dent_ros.simulation.paint import Print
 
 CODED = replace(PATTERN, code='contrast')
 
@@ -45,6 +46,23 @@ def test_errors_on_dirt_are_as_stated():
     _, errors, ratio = measured(Scene.of(dirty))
     assert errors.mean() < 0.1
     assert 0.5 < np.sqrt(np.mean(np.square(ratio))) < 1.5
+
+
+@pytest.mark.parametrize('fringes', [1.0, 1.5, 2.5])
+def test_printed_squares_of_some_fringes_are_measured(fringes):
+    wide = replace(PATTERN, period_px=32.0)
+    squares = Print(
+        albedo_beyond=(0.1, 0.1, 0.1),
+        ink=np.tile(np.eye(2, dtype=bool), (40, 40)),
+        pixel=fringes * 32 * DEPTH / 940,
+        origin=(-0.2, -0.2),
+    )
+    board = panel(half=0.2, dents=(), paint=squares)
+    seen = Scene.of(board, projected=wide.draw())
+    cloud, errors, _ = measured(seen, wide)
+    radian = 1e3 * DEPTH**2 * 32 / (940 * 0.2 * 2 * np.pi)
+    assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.85
+    assert errors.mean() < 0.07 * radian
 
 
 def test_two_skins_one_behind_the_other_are_numbered_by_the_code_or_left_out():

@@ -20,8 +20,8 @@ _PER_FRINGE = 7.0
 # Fringes between nodes along v, and along u at least: windows half a fringe wide change little
 # over it.
 _PITCH = 0.4
-# Pixel rows of a bin: fewer cost time, more than these are seen as steps.
-_ROWS = 4, 16
+#: Pixel rows of a bin: fewer cost time, more than these are seen as steps.
+ROWS = 4, 16
 
 #: Mean square of rounding to whole levels in a bin, levels^2.
 ROUNDING = 0.05
@@ -58,7 +58,7 @@ class BinGrid:
         """Grid for fringes of `period` pixels."""
         step = max(1, round(period / _PER_FRINGE))
         high = round(_PITCH * period)
-        rows, node = int(np.clip(high, *_ROWS)), max(2, math.ceil(high / step))
+        rows, node = int(np.clip(high, *ROWS)), max(2, math.ceil(high / step))
         return cls(width, height, period, step, rows, node)
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -18,21 +18,17 @@ from scipy.fft import dctn, idctn
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, ROWS, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, FAINTEST, Start
 from ftp_dent_ros.robust import deviation
 
-# Pixels of a cell at most: as wide as an edge that a lens shows.
-_CELL = 4
 # What the phase may be off in each round, radians: at first anything.
 _OFF = 1.0, DEVIATION, DEVIATION, DEVIATION
 # Standard deviations that a leap exceeds: noise does so in one of 16,000 cells.
 _SURE = 4.0
 # Cells that show noise.
 _FEW = np.s_[::3, ::3]
-# Least light of the fringes over their level.
-_DARKEST = 0.05
 # Steps to the albedo: what is left of its gradients is a hundredth, less than they are right to.
 _STEPS = 12
 
@@ -60,18 +56,16 @@ def divide_paint(
     start : Start
         The first fit to it.
     """
-    cells = replace(grid, step=min(grid.step, _CELL), rows=min(grid.rows, _CELL))
+    cells = replace(grid, step=min(grid.step, ROWS[0]), rows=ROWS[0])
     lit = start.own.swing > FAINTEST
     if not lit.any():
         return light, start
-    inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
     fine = light.unbroken
     if cells != grid:
         fine = Light.of(photograph, cells, light.has_stripe).unbroken
+    inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
     for off in _OFF:
-        phase = _in_cells(grid, cells, start.phase)
-        fringes = _fringes(grid, cells, fine, phase, start, inside)
-        leaps = _leaps(cells, fine, fringes, phase, inside, off)
+        leaps = _leaps(cells, fine, _Fringes.of(grid, cells, start), inside, off)
         if not _held_by_most_windows(cells, leaps, inside):
             break
         paint = _integral(leaps)
@@ -86,72 +80,80 @@ def divide_paint(
 
 def _doubt(start: Start, lit: NDArray[np.bool_]) -> float:
     """Mean logarithm of the phase's variance, but for a constant."""
-    fit = start.own
-    return float(
-        np.log(np.maximum(fit.rest, 1e-3) / np.square(np.maximum(fit.swing, 1)))[lit].mean()
-    )
+    rest, swing = np.maximum(start.own.rest, ROUNDING), np.maximum(start.own.swing, FAINTEST)
+    return float(np.log(rest / np.square(swing))[lit].mean())
 
 
 def _in_cells(grid: BinGrid, cells: BinGrid, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
-    return cells.binned(grid.at_pixels(nodes))
+    return grid.at_bins(nodes) if cells == grid else cells.binned(grid.at_pixels(nodes))
 
 
-def _fringes(
-    grid: BinGrid,
-    cells: BinGrid,
-    light: NDArray[np.float32],
-    phase: NDArray[np.float32],
-    start: Start,
-    inside: NDArray[np.bool_],
-) -> NDArray[np.float32]:
-    """Light of the fringes over their level, by the mean waveform, in cells."""
-    level, swing = (
-        _in_cells(grid, cells, grid.smooth_nodes(each, 2 * WIDTH))
-        for each in (start.own.level, start.own.swing)
-    )
-    contrast = np.clip(swing / np.maximum(level, 1), 0, 1)
-    return np.maximum(1 + contrast * np.cos(phase), np.float32(_DARKEST))
+@dataclass(frozen=True, eq=False)
+class _Fringes:
+    """Fringes in cells: their light over their level, and their phase."""
+
+    light: NDArray[np.float32]
+    phase: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, grid: BinGrid, cells: BinGrid, start: Start) -> _Fringes:
+        """Fringes as the first fit has them, of a smooth contrast."""
+        level, swing = (
+            grid.smooth_nodes(each, 2 * WIDTH) for each in (start.own.level, start.own.swing)
+        )
+        level = np.maximum(level, 2 * FAINTEST)
+        contrast = np.minimum(swing, level - FAINTEST) / level
+        phase = _in_cells(grid, cells, start.phase)
+        light = np.cos(phase)
+        light *= _in_cells(grid, cells, contrast)
+        light += 1
+        return cls(light, phase)
 
 
 def _leaps(
     cells: BinGrid,
     light: NDArray[np.float32],
-    fringes: NDArray[np.float32],
-    phase: NDArray[np.float32],
+    fringes: _Fringes,
     inside: NDArray[np.bool_],
     off: float,
 ) -> list[Leaps]:
     """Leaps of the albedo's logarithm from cell to cell along u and along v, and their weights.
 
     A leap is more than what the phase, so much off, makes of fringes of the light's range about.
-    In their troughs, where the range leaves hardly any light, leaps have no weight.
+    In their troughs, which have hardly any of this range, leaps have hardly any weight.
     """
     box = np.ones(cells.half_fringe[::-1], np.uint8)
-    range_ = np.maximum(cv2.dilate(light, box) - cv2.erode(light, box), 2 * FAINTEST)
-    known = np.log(np.maximum(light, FAINTEST)), np.log(fringes)
+    about = np.maximum(cv2.dilate(light, box) - cv2.erode(light, box), np.float32(2 * FAINTEST))
     leaps = []
+    fields = light, fringes.light, fringes.phase, about
     for axis, fringe in ((1, cells.fringe[0]), (0, cells.fringe[1])):
-
-        def ends(values, axis=axis):
-            return (np.delete(values, each, axis) for each in (-1, 0))
-
-        (before, after), most = ends(light), np.maximum(*ends(range_))
-        rise, own = (np.diff(each, axis=axis) for each in known)
-        beyond = np.abs(after - before - own * (before + after) / 2)
-        within = np.logical_and(*ends(inside))
+        (before, after), (dark, bright), (first, last), (lower, upper) = (
+            _neighbours(each, axis) for each in fields
+        )
+        within = np.logical_and(*_neighbours(inside, axis))
+        beyond = np.abs(after - before - (after + before) * (bright - dark) / (bright + dark))
+        most = np.maximum(lower, upper)
+        turn = np.abs(last - first) + np.float32(1 / (WIDTH * fringe))
         noise = _SURE * deviation(beyond[_FEW][within[_FEW]])
-        turn = np.abs(np.diff(phase, axis=axis)) + np.float32(1 / (WIDTH * fringe))
-        bound = np.fmax(np.float32(off / 2) * turn * most, np.float32(noise))
-        edge = (beyond > bound).view(np.uint8)
-        edge = cv2.dilate(edge, np.ones((1, 3) if axis else (3, 1), np.uint8)) > 0
+        edge = beyond > np.fmax(np.float32(off / 2) * turn * most, np.float32(noise))
+        edge = cv2.dilate(edge.view(np.uint8), np.ones((1, 3) if axis else (3, 1), np.uint8)) > 0
+        edge &= within
+        leap = np.zeros_like(beyond)
+        before, after = (np.maximum(each, np.float32(FAINTEST)) for each in (before, after))
+        leap[edge] = np.log(after[edge] * dark[edge] / (before[edge] * bright[edge]))
         darker = np.square(np.minimum(before, after))
         weight = darker / (darker + np.square(np.float32(DEVIATION / 2) * most))
-        leaps.append((np.where(edge & within, rise - own, 0), weight + np.float32(1e-3)))
+        leaps.append((leap, weight))
     return leaps
 
 
+def _neighbours(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Each value but the last, and the one behind it."""
+    return (values[:, :-1], values[:, 1:]) if axis else (values[:-1], values[1:])
+
+
 def _held_by_most_windows(cells: BinGrid, leaps: list[Leaps], inside: NDArray[np.bool_]) -> bool:
-    """Whether edges are within half a fringe of most cells."""
+    """Whether edges are within two deviations of a window from most cells."""
     edges = np.zeros(inside.shape, np.uint8)
     (across, _), (down, _) = leaps
     edges[:, 1:] |= across != 0
