@@ -14,9 +14,9 @@ from ftp_dent_ros.dents.dent import SmallestDent as Smallest
 from ftp_dent_ros.errors import CalibrationError, CloudError, RefusedFrameError
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.flicker import MUCH, SOME, fall_of_light, flicker, light_of
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry import Reconstructor
-from ftp_dent_ros.profilometry.flicker import MUCH, SOME, fall_of_light, flicker, light_of
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Rig

@@ -15,10 +15,10 @@ from ftp_dent_ros.errors import CalibrationError, RigError
 from ftp_dent_ros.nodes.payload_node import PayloadNode
 from ftp_dent_ros.nodes.settings import ReconstructionSettings
 from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.flicker import LAST as FLICKER_LAST
+from ftp_dent_ros.photograph.flicker import MUCH, fall_of_light, flicker, light_of
 from ftp_dent_ros.photograph.photograph import Photograph
 from ftp_dent_ros.profilometry.checks.epipolar import EpipolarCheck
-from ftp_dent_ros.profilometry.flicker import LAST as FLICKER_LAST
-from ftp_dent_ros.profilometry.flicker import MUCH, fall_of_light, flicker, light_of
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.profilometry.rig_alarm import LAST, rig_alarm
 from ftp_dent_ros.rig.rig import Lens, Rig

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ftp_dent_ros.pattern.pattern import Pattern
+from ftp_dent_ros.photograph.flicker import fall_of_light, flicker, light_of
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.flicker import fall_of_light, flicker, light_of
 
 FRINGES = Pattern(320, 200, 10.0, 160.0).draw()[:, :140] / 254
 
