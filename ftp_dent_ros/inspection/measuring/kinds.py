@@ -55,16 +55,15 @@ def kind_of(
     surely = width + COVERAGE * sizes.width.uncertainty < settings.smallest_width
     long = min(sizes.length.value / width, sizes.slender) > LONG
     short = sizes.length.value < settings.smallest_width
-    small = short or (surely and (not long or sizes.outline.is_cut))
-    if small or not depth >= settings.smallest_depth:
+    if short or (surely and (not long or sizes.is_cut)) or not depth >= settings.smallest_depth:
         return '', ''
     if depth > STEEP * max(width, settings.smallest_width):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
     if sizes.hidden > _MOST or (sizes.hidden > CUT and sizes.shown < _BOTTOM * depth):
         return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
-    if sizes.outline.is_cut and depth < AT_RIM * settings.smallest_depth:
+    if sizes.is_cut and depth < AT_RIM * settings.smallest_depth:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
-    is_cut = sizes.outline.is_cut or sizes.hidden > CUT
+    is_cut = sizes.is_cut or sizes.hidden > CUT
     # Of a Gaussian 0.48, of a paraboloid 1.1.
     bluntness = 8 * depth * sizes.radius / width**2
     unresolved = width < _UNRESOLVED * resolution and bluntness < 1

@@ -19,8 +19,10 @@ _FEWEST_POINTS = 300
 _WIDEST_SPACING = 0.05
 #: Points that medians and first contours are taken of, about: for speed.
 ENOUGH = 5000
-# Cells across the smallest dent.
-_CELLS = 5
+#: Cells across the smallest dent.
+CELLS = 5
+#: Of a dent's depth, where its sizes are measured; and of the smallest one's, what matters.
+LEVEL = 0.1
 # Points of a cloud that does not state its resolution show waves of so many spacings by half.
 _SUPPOSED = 4.0
 
@@ -89,7 +91,7 @@ class Lattice:
                 f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be '
                 'in millimetres: give it in metres'
             )
-        block = max(1, round(settings.smallest_width / _CELLS / max(across)))
+        block = max(1, round(settings.smallest_width / CELLS / max(across)))
         share = _means(finite.astype(np.float32), block)
         valid = share > 0.5
         # What is divided by infinity is 0.
@@ -149,11 +151,12 @@ def _before_denoising(
     known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
     if not known.any():
         return cloud.points, cloud.sigma
-    rays = cloud.points - viewpoint.astype(np.float32)
-    distance = np.sqrt(np.maximum(np.einsum('ijk,ijk->ij', rays, rays), np.float32(1e-18)))
+    rays = _moved(cloud.points, -viewpoint)
+    x, y, z = cv2.split(rays)
+    distance = np.maximum(cv2.magnitude(cv2.magnitude(x, y), z), np.finfo(np.float32).tiny)
     shift = np.where(known, cloud.raw, np.float32(0)) / distance
-    moved = (cloud.points + shift[..., None] * rays).astype(np.float32, copy=False)
-    return moved, np.where(known, cloud.noise, cloud.sigma)
+    moved = cv2.multiply(rays, cv2.merge([shift] * 3)) + cloud.points
+    return np.float32(moved), np.where(known, cloud.noise, cloud.sigma)
 
 
 def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:

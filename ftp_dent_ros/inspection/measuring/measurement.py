@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.dent_model import model_axes
-from ftp_dent_ros.inspection.measuring.detection import LEAST, Place
+from ftp_dent_ros.inspection.measuring.detection import Place
 from ftp_dent_ros.inspection.measuring.kinds import kind_of
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.outline import CUT
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch, patch_of
 from ftp_dent_ros.inspection.measuring.peaks import divided, peaks_of
-from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, sizes_of
+from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Of a profile, in lengths of the dent.
@@ -43,7 +43,7 @@ def measure(
     settings : SmallestDent
     """
     patch = patch_of(place, skin, lattice)
-    peaks = peaks_of(patch, LEAST * settings.smallest_depth)
+    peaks = peaks_of(patch, LEVEL * settings.smallest_depth)
     sized = [
         (sizes_of(patch, at, region, skin), region, overlaps)
         for at, (region, overlaps) in zip(peaks, divided(patch, peaks, LEVEL), strict=True)
@@ -100,7 +100,7 @@ def _dent(
         volume=Estimate(sign * sizes.volume.value, sizes.volume.uncertainty),
         bottom_radius=sizes.radius,
         significance=place.significance,
-        is_cut=outline.is_cut or sizes.hidden > CUT,
+        is_cut=sizes.is_cut or sizes.hidden > CUT,
         outline=feet - sign * LEVEL * sizes.depth.value * outward,
         length_profile=lengthwise,
         width_profile=crosswise,

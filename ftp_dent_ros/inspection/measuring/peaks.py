@@ -5,13 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ftp_dent_ros.inspection.measuring.lattice import LEVEL
 from ftp_dent_ros.inspection.measuring.noise import SURE
 from ftp_dent_ros.inspection.measuring.outline import part_above
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 from ftp_dent_ros.inspection.measuring.segmentation import nearest
 
-# Part of its height by which the saddle to a deeper maximum lies lower.
-_DROP = 0.12
 _LEVELS = 32
 
 
@@ -41,7 +40,7 @@ def peaks_of(patch: Patch, least: float) -> list[tuple[int, int]]:
     kept = [0]
     for index in range(1, len(at)):
         fall = heights[index] - saddles[index, kept].max() - step
-        if fall > max(_DROP * heights[index], SURE * unsure[tuple(at[index])]):
+        if fall > max(LEVEL * heights[index], SURE * unsure[tuple(at[index])]):
             kept.append(index)
     return [(int(row), int(column)) for row, column in at[kept]]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, fit_contour
 from ftp_dent_ros.inspection.measuring.gaps import GAP, gaps_of
-from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
+from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of, rough_noise, smoothed
 
 # A neighbour so many spacings away is on another skin.
@@ -108,7 +108,7 @@ class _Split:
         self._rng = np.random.default_rng(0)
         cells = settings.smallest_width**2 / (lattice.spacing[0] * lattice.spacing[1])
         self.least, self._second = _SMALLEST**2 * cells, _SMALLEST_SECOND**2 * cells
-        self._finest = settings.smallest_depth / 10
+        self._finest = LEVEL * settings.smallest_depth
 
     def _depths(self, part: Mask, noise: float) -> tuple[Contour, Map]:
         """Contour of a part, and how deep its cells lie below it; 0 elsewhere."""

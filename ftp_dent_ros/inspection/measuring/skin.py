@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import SmallestDent
+from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
 from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.noise import (
     SURE,
     Map,
@@ -29,17 +29,14 @@ from ftp_dent_ros.robust import deviation as spread_of
 # Gaussians that dents are looked for with, in smallest widths at 10 % of the depth: a fifth is a
 # half narrower than the smallest dent's own, and one is four times as wide.
 _SCALES = 0.2, 0.5, 1.0
-# Standard deviations of the rest of what may be a dent.
-_EDGE = 2.0
 # Smallest widths about a dent within which its edge runs out.
 _AROUND = 1.5
 # Of the relief: of all of the skin with weights alone, then with what they found left out.
 _PASSES = 2
 # Squares that a contour is fitted to.
 _FEWEST = 30
-# Waviness is evident where means over the smallest width stray nearly as much as single cells,
-# and matters from this part of the smallest depth on.
-_SLOW, _MATTERS = 0.6, 0.04
+# Waviness is evident where means over the smallest width stray nearly as much as single cells.
+_SLOW = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +95,15 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
         noise = measured_noise(deviation, maps, bare, lattice, scales)
         return Skin(contour, relief, noise, deviation, maps, usable, reach)
 
-    skin, bare = about(part.contour, None, usable), usable
+    bare = usable
     if part.is_met:
-        near = np.abs(skin.deviation) < part.tolerance
+        near = np.abs(part.contour.depth(lattice.points)) < part.tolerance
         bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
     slow, fast = skin.noise.common[-1], skin.noise.common[0]
     # Where no contour is met, what is wide is as likely the skin's own shape as a dent.
-    if not part.is_met or slow > max(_SLOW * fast, _MATTERS * settings.smallest_depth):
+    if not part.is_met or slow > max(_SLOW * fast, LEVEL * settings.smallest_depth):
         # Crests of waves stray from the contour as dents do: weights keep them in the relief.
         bare, deviation = usable, skin.deviation
         for _ in range(_PASSES):
@@ -122,11 +119,12 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
 def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     """Surroundings of what is deep enough to be a dent, as far as it strays from the skin."""
     strays, deep = (np.zeros(skin.deviation.shape, bool) for _ in range(2))
+    least = LEVEL * settings.smallest_depth
     lacks = 0.0 if skin.relief is None else skin.relief.lacks
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth) - lacks)
-        strays |= off > np.maximum(_EDGE * spread, settings.smallest_depth / 50)
-        deep |= off > np.maximum(SURE * spread, settings.smallest_depth / 4)
+        strays |= off > np.maximum(COVERAGE * spread, least)
+        deep |= off > np.maximum(SURE * spread, least)
     wide = 2 * round(_AROUND * settings.smallest_width / max(lattice.spacing)) + 1
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
     return strays & (cv2.dilate(deep.view(np.uint8), around) > 0)

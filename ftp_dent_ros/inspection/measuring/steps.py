@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
 from ftp_dent_ros.inspection.measuring.measurement import axis_along
 from ftp_dent_ros.inspection.measuring.noise import SURE
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
-# Cells across on which a step is measured, from the first that the seam does not blur.
-_BESIDE = 5
 # Part of a panel's rim that is its seam with another one, from which on it is a plate on that one.
 _ALL_ROUND = 0.7
 _PLATE = 'all round a plate that lies on the skin, as a doubler or a patch'
@@ -75,7 +73,7 @@ def _apart(
     if not free.any():
         return free, np.zeros(0)
     far = cv2.distanceTransform((~at).astype(np.uint8), cv2.DIST_L2, 3)
-    beside = free & (far <= far[free].min() + _BESIDE)
+    beside = free & (far <= far[free].min() + CELLS)
     return beside, np.abs(larger.contour.deviation(lattice.points[beside])[2])
 
 
