@@ -17,9 +17,8 @@ _RAYS = 48
 _SAMPLES = 2 * _RAYS
 # Along each, in radii of the ellipse with the same moments.
 _ALONG = np.linspace(0, 2.2, _SAMPLES)
-# Harmonics of the outline about its ellipse: at most, and at least; all of them where the level
-# is so many standard deviations of the noise.
-_HARMONICS, _FEWEST, _CLEAR = 8, 2, 10.0
+# Harmonics of the outline about its ellipse at most.
+_HARMONICS = 8
 # Of the depth, the highest level that an outline is drawn at where noise would draw a lower one.
 _HIGHEST = 0.5
 #: Part of an outline, or of what lies beside it, that is not measured and makes it a cut one.
@@ -127,7 +126,7 @@ def find_outline(
     """
     noise = float(patch.strays[at])
     level = min(max(wanted, COVERAGE * noise / depth), _HIGHEST)
-    part = _closed(part_above(patch, at, level * depth, region))
+    part = closed(part_above(patch, at, level * depth, region))
     if not part.any():
         return None
     least, most = 1.0, 1.0
@@ -147,10 +146,9 @@ def find_outline(
     high, low = depths[each, last], depths[each, last + 1]
     beyond = (high - level * depth) / np.maximum(high - low, 1e-12)
     crossing = _ALONG[last] + _ALONG[1] * np.clip(beyond, 0, 1)
-    # The nearer the noise comes to the level, the smoother a curve: a ragged one is too long.
-    clear = level * depth / max(noise, 1e-12) / _CLEAR
+    # As many harmonics as the level is noise, but those of an ellipse: ragged curves are too long.
     spectrum = np.fft.rfft(crossing)
-    spectrum[int(min(max(_HARMONICS * clear, _FEWEST), _HARMONICS)) + 1 :] = 0
+    spectrum[int(np.clip(level * depth / max(noise, 1e-12), 2, _HARMONICS)) + 1 :] = 0
     # Twice as many points as rays: a polygon is smaller than its curve.
     radius = 2 * np.fft.irfft(spectrum, 2 * _RAYS)
     out = centre + middle * radius * (stretch @ _circle(2 * _RAYS))
@@ -176,8 +174,8 @@ def _covered(shape: tuple[int, ...], columns: Vector, rows: Vector) -> Mask:
     return np.asarray(cv2.fillPoly(inside, [corners], 1, shift=4)) > 0
 
 
-def _closed(part: Mask) -> Mask:
-    """A part with its holes."""
+def closed(part: Mask) -> Mask:
+    """A part with what it goes around."""
     contours, _ = cv2.findContours(part.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     whole = np.zeros(part.shape, np.uint8)
     return np.asarray(cv2.drawContours(whole, contours, -1, 1, cv2.FILLED)) > 0

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
 from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
@@ -19,7 +18,7 @@ from ftp_dent_ros.inspection.measuring.lattice import CELLS, ENOUGH, Lattice
 from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-# Cells of a patch across a place.
+# Cells of a patch across a place at most.
 _ACROSS = 32
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
@@ -151,8 +150,8 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     x, y, depth = skin.contour.deviation(points)
     if skin.relief is not None:
         depth = depth - spread(skin.relief.heights, cv2.INTER_LINEAR)
-    zoom = min(_ACROSS * spacing / width, math.sqrt(ENOUGH / known.size))
-    maps = np.stack([x, y, place.sign * depth, spread(skin.noise.stated)], axis=-1)
+    zoom = min(1.0, _ACROSS * spacing / width, math.sqrt(ENOUGH / known.size))
+    maps = cv2.merge([x, y, place.sign * depth, spread(skin.noise.stated)])
     (x, y, depth, stated), known = _resized(maps, known, zoom)
     owned = (
         np.asarray(
@@ -206,37 +205,24 @@ def _smoothing(
 
 
 def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
-    """Maps, shape (rows, columns, n), on another grid; where they are not known they go on."""
+    """Means of maps, shape (rows, columns, n), on a coarser grid, and where they are known.
+
+    The first two, places, go on where they are not known.
+    """
     rows, columns = known.shape
     size = max(2, round(zoom * columns)), max(2, round(zoom * rows))
     weight = known.astype(np.float32)
-    if zoom < 1:
-        share = np.asarray(cv2.resize(weight, size, interpolation=cv2.INTER_AREA))
-        total = cv2.resize(
-            np.float32(maps * weight[..., None]), size, interpolation=cv2.INTER_AREA
-        )
-        found, known = total / np.maximum(share, 1e-6)[..., None], share > 0.5
-    else:
-        nearest = np.float32(_nearest(maps, known))
-        found = np.asarray(cv2.resize(nearest, size, interpolation=cv2.INTER_CUBIC))
-        share = cv2.resize(weight, size, interpolation=cv2.INTER_LINEAR)
-        known = np.asarray(share) > 0.5
-    x, y, *others = (np.asarray(each) for each in cv2.split(found))
+    share = np.asarray(cv2.resize(weight, size, interpolation=cv2.INTER_AREA))
+    total = cv2.resize(maps * weight[..., None], size, interpolation=cv2.INTER_AREA)
+    found = [np.asarray(each) for each in cv2.split(total / np.maximum(share, 1e-6)[..., None])]
+    known = share > 0.5
     if not known.all():
         v, u = np.mgrid[: size[1], : size[0]] / max(size)
         terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-        for places in (x, y):
+        for places in found[:2]:
             fit = np.linalg.lstsq(terms[known], places[known], rcond=None)[0]
             places[~known] = terms[~known] @ fit
-    return [x, y, *others], known
-
-
-def _nearest(values: NDArray, known: Mask) -> NDArray:
-    """Values, where they are not known those of the nearest that are."""
-    if known.all() or not known.any():
-        return values
-    at = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return values[tuple(at)]
+    return found, known
 
 
 def _mean(values: Map, known: Mask, sigma: tuple[float, float]) -> Map:

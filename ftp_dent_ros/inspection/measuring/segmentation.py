@@ -13,6 +13,7 @@ from ftp_dent_ros.inspection.measuring.contour import Contour, fit_contour
 from ftp_dent_ros.inspection.measuring.gaps import GAP, gaps_of
 from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of, rough_noise, smoothed
+from ftp_dent_ros.robust import fitted
 
 # A neighbour so many spacings away is on another skin.
 _JUMP = 4.0
@@ -187,13 +188,8 @@ class _Split:
             return None
         # On most of it one plane lies beside the contour.
         rows, columns = np.nonzero(core)
-        terms = np.stack([np.ones(len(rows)), rows, columns], axis=1)
-        depth, weight = deviation[core].astype(float), np.ones(len(rows))
-        for _ in range(10):
-            weighted = terms * weight[:, None]
-            found = np.linalg.lstsq(weighted.T @ terms, weighted.T @ depth, rcond=None)[0]
-            left = np.abs(depth - terms @ found)
-            weight = 1 / np.maximum(left, tolerance / 5)
+        terms = np.stack([np.ones(len(rows)), rows, columns])
+        left = np.abs(deviation[core] - fitted(terms, deviation[core]) @ terms)
         tolerance = max(tolerance, height / 10)
         if np.median(left) > tolerance:
             return None

@@ -18,10 +18,9 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 # Times that a dent is measured again, and how much wider that makes an interval of 95 %.
 _TIMES = 12
 _WIDER = stats.t.ppf(0.975, _TIMES - 1) / stats.norm.ppf(0.975)
-# Part of the depth above which a quadric is laid through the bottom.
-_CAP = 0.85
-# Of the depth, for the radius at the bottom; and places across it, in widths.
-_BOTTOM = 0.8
+#: Part of the depth above which the bottom is: a quadric is laid through it.
+CAP = 0.85
+# Places across the bottom, in widths.
 _ACROSS = np.linspace(-0.75, 0.75, 301)
 
 
@@ -125,7 +124,7 @@ def _measured(
     high = float(patch.depth[at])
     if high <= 0:
         return None
-    depth = _bottom(patch, part_above(patch, at, _CAP * high, region))
+    depth = _bottom(patch, part_above(patch, at, CAP * high, region))
     outline = find_outline(patch, at, depth, LEVEL, region)
     if outline is None or not outline.inside.any():
         return None
@@ -146,14 +145,14 @@ def _bottom(patch: Patch, cap: Mask) -> float:
 
 
 def _radius(patch: Patch, outline: Outline, at: tuple[int, int], depth: float) -> float:
-    """Radius of curvature of the parabola as wide at four fifths of the depth; NaN in a gap."""
+    """Radius of curvature of the parabola as wide at the rim of the bottom; NaN in a gap."""
     distances = outline.width * _ACROSS
     angle = outline.length[1] + math.pi / 2
     found, measured = patch.along(patch.x[at], patch.y[at], angle, distances)
     if not measured[np.abs(distances) < outline.width / 2].all():
         return math.nan
     middle = len(distances) // 2
-    low = found < _BOTTOM * depth
+    low = found < CAP * depth
     sides = np.argmax(low[middle::-1]), np.argmax(low[middle:])
     reach = sum(int(each) or middle for each in sides) * (distances[1] - distances[0])
-    return float(reach**2 / (8 * (1 - _BOTTOM) * depth))
+    return float(reach**2 / (8 * (1 - CAP) * depth))

@@ -35,8 +35,6 @@ _AROUND = 1.5
 _PASSES = 2
 # Squares that a contour is fitted to.
 _FEWEST = 30
-# Waviness is evident where means over the smallest width stray nearly as much as single cells.
-_SLOW = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +99,9 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
         bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
-    slow, fast = skin.noise.common[-1], skin.noise.common[0]
+    slow = skin.noise.common[-1]
     # Where no contour is met, what is wide is as likely the skin's own shape as a dent.
-    if not part.is_met or slow > max(_SLOW * fast, LEVEL * settings.smallest_depth):
+    if not part.is_met or SURE * slow > LEVEL * settings.smallest_depth:
         # Crests of waves stray from the contour as dents do: weights keep them in the relief.
         bare, deviation = usable, skin.deviation
         for _ in range(_PASSES):
@@ -123,7 +121,7 @@ def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     lacks = 0.0 if skin.relief is None else skin.relief.lacks
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth) - lacks)
-        strays |= off > np.maximum(COVERAGE * spread, least)
+        strays |= off > COVERAGE * spread
         deep |= off > np.maximum(SURE * spread, least)
     wide = 2 * round(_AROUND * settings.smallest_width / max(lattice.spacing)) + 1
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))

@@ -13,11 +13,10 @@ from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orient
 from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
 from ftp_dent_ros.inspection.measuring.measurement import axis_along
 from ftp_dent_ros.inspection.measuring.noise import SURE
+from ftp_dent_ros.inspection.measuring.outline import closed
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
-# Part of a panel's rim that is its seam with another one, from which on it is a plate on that one.
-_ALL_ROUND = 0.7
 _PLATE = 'all round a plate that lies on the skin, as a doubler or a patch'
 _NAN = Estimate(math.nan, math.nan)
 
@@ -78,11 +77,8 @@ def _apart(
 
 
 def _is_all_round(panel: Segment, plate: Segment) -> bool:
-    """Whether a panel is about all that lies around another one."""
-    kernel = np.ones((3, 3), np.uint8)
-    within = cv2.erode(plate.mask.view(np.uint8), kernel, borderValue=0) > 0
-    near = cv2.dilate(panel.mask.view(np.uint8), kernel) > 0
-    return bool(near[plate.mask & ~within].mean() > _ALL_ROUND)
+    """Whether a panel is all that lies around another one."""
+    return bool(closed(panel.mask)[plate.mask].all())
 
 
 class _Seam:

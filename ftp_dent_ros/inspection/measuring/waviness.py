@@ -14,14 +14,14 @@ from ftp_dent_ros.dents.dent import Waviness
 from ftp_dent_ros.inspection.measuring.contour import TUKEY
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of
-from ftp_dent_ros.robust import NORMAL_SPREAD
+from ftp_dent_ros.robust import FITS, NORMAL_SPREAD
 
 #: The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
 CUTOFF = 6.0
 # Cells of the relief's grid to the smallest width.
 _GRID = 2.0
-# Rounds to the fixed point, those between new weights, and what a step keeps of the last one.
-_ROUNDS, _WEIGHTED, _MOMENTUM = 50, 10, 0.8
+# Steps towards the fixed point between new weights.
+_TURNS = 10
 # A relief leaves less than this part of what it explains.
 _LEFT = 0.5
 # At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
@@ -141,20 +141,19 @@ class _Plate:
 
     def _fitted(self, values: Field, weight: Field) -> Field:
         """Penalised fit, with weights that leave outliers out; the fixed point is sped up."""
-        smooth = np.zeros_like(values)
-        robust, speed = weight, np.zeros_like(values)
-        for turn in range(_ROUNDS):
-            if turn % _WEIGHTED == 0 and turn:
-                left = np.abs(values - smooth)
-                spread = NORMAL_SPREAD * median_of(left[weight > 0]) + 1e-9
-                # The fit lacks no more than this of waves down to the cutoff: no outliers.
-                lacks = _LACKS * np.abs(smooth - self.passed(smooth))
-                ratio = np.minimum(np.maximum(left - lacks, 0) / (TUKEY * spread), 1)
-                robust = weight * np.square(1 - ratio * ratio)
-                speed = np.zeros_like(smooth)
-            ahead = smooth + _MOMENTUM * speed
-            step = self.passed(robust * (values - ahead) + ahead)
-            speed, smooth = step - smooth, step
+        smooth, robust = np.zeros_like(values), weight
+        for _ in range(FITS):
+            before = smooth
+            for turn in range(_TURNS):
+                # Nesterov's acceleration.
+                ahead = smooth + turn / (turn + 3) * (smooth - before)
+                before, smooth = smooth, self.passed(robust * (values - ahead) + ahead)
+            left = np.abs(values - smooth)
+            spread = NORMAL_SPREAD * median_of(left[weight > 0]) + 1e-9
+            # The fit lacks no more than this of waves down to the cutoff: no outliers.
+            lacks = _LACKS * np.abs(smooth - self.passed(smooth))
+            ratio = np.minimum(np.maximum(left - lacks, 0) / (TUKEY * spread), 1)
+            robust = weight * np.square(1 - ratio * ratio)
         return smooth
 
 
