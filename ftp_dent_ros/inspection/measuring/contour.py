@@ -10,14 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.lattice import FEW
 from ftp_dent_ros.robust import median
 
 # Tukey's biweight: its efficiency is 95 % at this many standard deviations.
 TUKEY = 4.7
 # Square of the steepest slope that a sagitta is calculated of: a sphere ends at 1.
 _STEEPEST = 0.9
-# Points that a contour is fitted to, and those that starts are compared by.
-_SAMPLES, _FEW = 1500, 300
+# Points that a contour is fitted to.
+_SAMPLES = 1500
 # Mean residual, in full widths of the biweight, of a fit that most of the points agree on.
 _AGREED = 0.3
 # Narrower by so much in each round.
@@ -120,7 +121,7 @@ def fit_contour(
     """
     points = _some(points, _SAMPLES, rng)
     contour = _plane(points, viewpoint)
-    few = _Samples(contour, _some(points, _FEW, rng), noise)
+    few = _Samples(contour, _some(points, FEW, rng), noise)
     whole, *halves = few.starts()
     fits = [few.fitted(whole)]
     if fits[0][0] > _AGREED:

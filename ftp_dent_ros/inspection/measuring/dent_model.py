@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ftp_dent_ros.dents.dent import Estimate
-from ftp_dent_ros.inspection.measuring.lattice import LEVEL
+from ftp_dent_ros.inspection.measuring.lattice import FEW, LEVEL
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 from ftp_dent_ros.inspection.measuring.sizes import Sizes
 
-# Cells that the function is fitted to, at most: for speed.
-_CELLS = 400
 # Eq. 18 at 10 % of its depth, as a part of its axes.
 _OF_AXES = math.sqrt(1 - 1 / (1 - math.log(LEVEL)))
 
@@ -45,7 +43,7 @@ def model_axes(patch: Patch, region: Mask | None, sizes: Sizes) -> tuple[Estimat
     Neighbours are left out. Not measured where the patch does not determine the function.
     """
     cells = np.flatnonzero(patch.known if region is None else patch.known & region)
-    cells = cells[:: 1 + len(cells) // _CELLS]
+    cells = cells[:: 1 + len(cells) // FEW]
     x, y, depth = (each.ravel()[cells] for each in (patch.x, patch.y, patch.depth))
     inverse = (2 * _OF_AXES / each.value for each in (sizes.length, sizes.width))
     start = [*sizes.outline.centre, *inverse, sizes.angle.value, sizes.depth.value]

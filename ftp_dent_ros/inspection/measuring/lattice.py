@@ -14,7 +14,9 @@ from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.robust import median
 
-_FEWEST_POINTS = 300
+#: Points that a skin is known by, roughly: clouds of fewer are refused, and fits that are made
+# again and again are made to so many.
+FEW = 300
 # A cloud whose neighbours lie so far apart is not in metres.
 _WIDEST_SPACING = 0.05
 #: Points that medians and first contours are taken of, about: for speed.
@@ -23,8 +25,11 @@ ENOUGH = 5000
 CELLS = 5
 #: Of a dent's depth, where its sizes are measured; and of the smallest one's, what matters.
 LEVEL = 0.1
-# Points of a cloud that does not state its resolution show waves of so many spacings by half.
-_SUPPOSED = 4.0
+#: Spacings over which points hang together: what lies farther off is on another skin, and a cloud
+# that does not state its resolution shows waves that long by half.
+TOGETHER = 4.0
+#: Smallest widths that a skin is wide at least, and that a gap in it is across at most.
+WIDE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +137,7 @@ class Lattice:
         Of a cloud that does not state its resolution, one fit in windows of some points.
         """
         if self.resolution is None:
-            return _SUPPOSED * max(self.spacing) / self.block / halved(1), 1
+            return TOGETHER * max(self.spacing) / self.block / halved(1), 1
         return median(self.resolution[at]) / halved(fits), fits
 
     def relative(self, points: NDArray) -> NDArray[np.float32]:
@@ -185,10 +190,10 @@ def _checked(cloud: Cloud) -> NDArray[np.float64]:
     count = int(finite.sum())
     if not count:
         raise CloudError('no point of the cloud is measured (all are NaN): give another cloud')
-    if count < _FEWEST_POINTS:
+    if count < FEW:
         raise CloudError(
             f'only {count} points of the cloud are measured, too few to know the skin: '
-            f'give a cloud of {_FEWEST_POINTS} or more'
+            f'give a cloud of {FEW} or more'
         )
     step = max(1, int(np.sqrt(count / ENOUGH)))
     some = cloud.points[::step, ::step][finite[::step, ::step]]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
-from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
-from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
+from ftp_dent_ros.inspection.measuring.gaps import filled
+from ftp_dent_ros.inspection.measuring.lattice import LEVEL, WIDE, Lattice
 from ftp_dent_ros.inspection.measuring.noise import (
     SURE,
     Map,
@@ -23,16 +23,12 @@ from ftp_dent_ros.inspection.measuring.noise import (
     smoothed,
 )
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
-from ftp_dent_ros.inspection.measuring.waviness import Relief, relief_of
+from ftp_dent_ros.inspection.measuring.waviness import AROUND, Relief, relief_of
 from ftp_dent_ros.robust import deviation as spread_of
 
 # Gaussians that dents are looked for with, in smallest widths at 10 % of the depth: a fifth is a
 # half narrower than the smallest dent's own, and one is four times as wide.
 _SCALES = 0.2, 0.5, 1.0
-# Smallest widths about a dent within which its edge runs out.
-_AROUND = 1.5
-# Of the relief: of all of the skin with weights alone, then with what they found left out.
-_PASSES = 2
 # Squares that a contour is fitted to.
 _FEWEST = 30
 
@@ -82,7 +78,7 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     """The contour of a segment, its waviness, the noise about them, and what departs from them."""
     usable, known = part.mask & ~seams, part.mask & lattice.valid
     scales = tuple(settings.smallest_width * share for share in _SCALES)
-    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
+    reach = round(WIDE * settings.smallest_width / max(lattice.spacing))
 
     def about(contour: Contour, relief: Relief | None, bare: Mask) -> Skin:
         """What departs from a contour and a relief, and the noise of what is bare."""
@@ -99,18 +95,12 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
         bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
-    slow = skin.noise.common[-1]
     # Where no contour is met, what is wide is as likely the skin's own shape as a dent.
-    if not part.is_met or SURE * slow > LEVEL * settings.smallest_depth:
+    if not part.is_met or SURE * skin.noise.common[-1] > LEVEL * settings.smallest_depth:
         # Crests of waves stray from the contour as dents do: weights keep them in the relief.
-        bare, deviation = usable, skin.deviation
-        for _ in range(_PASSES):
-            seen = bare & np.isfinite(deviation)
-            relief = relief_of(deviation, seen, lattice, settings.smallest_width)
-            if relief is None:
-                break
-            skin = about(contour, relief, bare)
-            bare = usable & ~_off(skin, lattice, settings)
+        seen = usable & np.isfinite(skin.deviation)
+        relief = relief_of(skin.deviation, seen, lattice, settings.smallest_width)
+        return skin if relief is None else about(contour, relief, usable)
     return skin
 
 
@@ -118,12 +108,11 @@ def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     """Surroundings of what is deep enough to be a dent, as far as it strays from the skin."""
     strays, deep = (np.zeros(skin.deviation.shape, bool) for _ in range(2))
     least = LEVEL * settings.smallest_depth
-    lacks = 0.0 if skin.relief is None else skin.relief.lacks
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
-        spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth) - lacks)
+        spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth))
         strays |= off > COVERAGE * spread
         deep |= off > np.maximum(SURE * spread, least)
-    wide = 2 * round(_AROUND * settings.smallest_width / max(lattice.spacing)) + 1
+    wide = 2 * round(AROUND * settings.smallest_width / max(lattice.spacing)) + 1
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
     return strays & (cv2.dilate(deep.view(np.uint8), around) > 0)
 

@@ -26,8 +26,9 @@ _TURNS = 10
 _LEFT = 0.5
 # At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
 _LACKS = 2.0
-# Holes that show the fit's error: in smallest widths, and from one to the next in holes.
-_HOLE, _APART = 2.0, 3.0
+#: Smallest widths about a dent within which its edge runs out; so wide are holes that show a
+# fit's error.
+AROUND = 1.5
 
 Field = NDArray[np.float64]
 
@@ -38,8 +39,8 @@ class Relief:
 
     Attributes
     ----------
-    heights, lacks : ndarray, shape (rows, columns), float32
-        Depths, and how much more the waves may be, which the fit follows part of the way, metres.
+    heights : ndarray, shape (rows, columns), float32
+        Depths, metres.
     amplitude : float
         Of the sine with the same root mean square, metres.
     under_hole : float
@@ -50,7 +51,6 @@ class Relief:
     """
 
     heights: Map
-    lacks: Map
     amplitude: float
     under_hole: float
     hole: float
@@ -84,15 +84,10 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
     left, before = np.abs(fit.values - smooth)[sure], np.abs(fit.values)[sure]
     if not len(left) or median_of(left) > _LEFT * median_of(before):
         return None
-    again = fit.passed(smooth)
-    again += fit.passed(smooth - again)
-    fine, lacks = (
-        np.asarray(cv2.resize(each, deviation.shape[::-1], interpolation=cv2.INTER_CUBIC))
-        for each in (np.float32(smooth), np.float32(_LACKS * np.abs(smooth - again)))
-    )
+    fine = cv2.resize(np.float32(smooth), deviation.shape[::-1], interpolation=cv2.INTER_CUBIC)
     amplitude = math.sqrt(2) * float(smooth[fit.weight > 0].std())
-    hole = _HOLE * smallest
-    return Relief(fine, lacks, amplitude, fit.error_under(hole), hole)
+    hole = AROUND * smallest
+    return Relief(np.asarray(fine), amplitude, fit.error_under(hole), hole)
 
 
 class _Plate:
@@ -130,7 +125,7 @@ class _Plate:
             step * (np.arange(n) + 0.5)
             for step, n in zip(self._spacing[::-1], self.values.shape, strict=True)
         )
-        period = _APART * hole
+        period = 2 * hole
         off_x, off_y = (np.abs(each % period - period / 2) for each in (x, y))
         distance = np.hypot(off_x, off_y[:, None])
         middle = (distance < hole / 6) & (self.weight > 0.9)
