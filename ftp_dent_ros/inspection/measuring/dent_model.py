@@ -43,7 +43,7 @@ def model_axes(patch: Patch, region: Mask | None, sizes: Sizes) -> tuple[Estimat
     Neighbours are left out. Not measured where the patch does not determine the function.
     """
     cells = np.flatnonzero(patch.known if region is None else patch.known & region)
-    cells = cells[:: 1 + len(cells) // FEW]
+    cells = cells[np.linspace(0, len(cells) - 1, min(FEW, len(cells))).astype(int)]
     x, y, depth = (each.ravel()[cells] for each in (patch.x, patch.y, patch.depth))
     inverse = (2 * _OF_AXES / each.value for each in (sizes.length, sizes.width))
     start = [*sizes.outline.centre, *inverse, sizes.angle.value, sizes.depth.value]
@@ -51,7 +51,11 @@ def model_axes(patch: Patch, region: Mask | None, sizes: Sizes) -> tuple[Estimat
     if len(cells) < 2 * len(start):
         return nothing, nothing
     fit = least_squares(
-        lambda each: dent_function(each, x, y) - depth, start, method='lm', ftol=1e-4
+        lambda each: dent_function(each, x, y) - depth,
+        start,
+        x_scale='jac',
+        ftol=1e-4,
+        max_nfev=30,
     )
     if not fit.success:
         return nothing, nothing

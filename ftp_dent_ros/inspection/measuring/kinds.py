@@ -64,7 +64,7 @@ def kind_of(
     # Of a Gaussian 0.47, of a paraboloid 1.1.
     bluntness = 8 * depth * sizes.radius / width**2
     valley = sign > 0 and long
-    if valley and bluntness >= _SHARP and width < _UNRESOLVED * resolution:
+    if valley and _SHARP <= bluntness < 1 and width < _UNRESOLVED * resolution:
         return 'crease', 'too narrow to see how sharp it is'
     if not is_sure:
         unsure = 1e3 * sizes.depth.uncertainty

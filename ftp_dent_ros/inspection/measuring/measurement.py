@@ -46,7 +46,7 @@ def measure(
     settings : SmallestDent
     """
     patch = patch_of(place, skin, lattice)
-    peaks = _peaks(patch, LEVEL * settings.smallest_depth)
+    peaks = _peaks(patch, settings.smallest_depth)
     sized = [
         (sizes_of(patch, at, region, skin), region, overlaps)
         for at, (region, overlaps) in zip(peaks, _divided(patch, peaks, LEVEL), strict=True)

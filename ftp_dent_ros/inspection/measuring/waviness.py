@@ -11,7 +11,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Waviness
-from ftp_dent_ros.inspection.measuring.contour import TUKEY
+from ftp_dent_ros.inspection.measuring.contour import TUKEY, biweight
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of
 from ftp_dent_ros.robust import FITS, NORMAL_SPREAD
@@ -24,8 +24,6 @@ _GRID = 2.0
 _TURNS = 10
 # A relief leaves less than this part of what it explains.
 _LEFT = 0.5
-# At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
-_LACKS = 2.0
 #: Smallest widths about a dent within which its edge runs out; so wide are holes that show a
 # fit's error.
 AROUND = 1.5
@@ -145,10 +143,7 @@ class _Plate:
                 before, smooth = smooth, self.passed(robust * (values - ahead) + ahead)
             left = np.abs(values - smooth)
             spread = NORMAL_SPREAD * median_of(left[weight > 0]) + 1e-9
-            # The fit lacks no more than this of waves down to the cutoff: no outliers.
-            lacks = _LACKS * np.abs(smooth - self.passed(smooth))
-            ratio = np.minimum(np.maximum(left - lacks, 0) / (TUKEY * spread), 1)
-            robust = weight * np.square(1 - ratio * ratio)
+            robust = weight * biweight(left / (TUKEY * spread))
         return smooth
 
 
