@@ -19,8 +19,6 @@ TUKEY = 4.7
 _STEEPEST = 0.9
 # Mean residual, in full widths of the biweight, of a fit that most of the points agree on.
 _AGREED = 0.3
-# Narrower by so much in each round.
-_SHRINK = 0.6
 
 Field = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -185,14 +183,14 @@ class _Samples:
         return float(np.minimum(np.abs(self.left(found)) / self.width, 1).mean()), found
 
     def narrowed(self, found: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
-        """Coefficients by biweights that shrink from a standard deviation to the noise's."""
+        """Coefficients by biweights that halve from a standard deviation to the noise's."""
         width = max(TUKEY * spread / self._scale, self.width)
         while True:
             for _ in range(2):
                 found = self._improved(found, biweight(self.left(found) / width))
             if width == self.width:
                 return found
-            width = max(_SHRINK * width, self.width)
+            width = max(width / 2, self.width)
 
     def _improved(self, found: NDArray[np.float64], weight: Field) -> NDArray[np.float64]:
         """One step of weighted least squares; none where fewer points bear weight than 6."""

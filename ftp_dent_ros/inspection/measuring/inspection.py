@@ -62,7 +62,7 @@ def inspect(
             'no part of the cloud is large enough to know the skin: come closer, or light more'
         )
     borders = seams(labels, _SEAM)
-    found: list[MeasuredDent] = find_steps(lattice, segments, labels, borders, settings)
+    found: list[MeasuredDent] = find_steps(lattice, segments, borders, settings)
     wavy: list[Waviness] = []
     shape = cloud.points.shape[:2]
     deviation, noise, findable = (np.full(shape, np.nan, np.float32) for _ in range(3))

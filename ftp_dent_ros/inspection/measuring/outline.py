@@ -24,7 +24,7 @@ _HIGHEST = 0.5
 #: Part of an outline, or of what lies beside it, that is not measured and makes it a cut one.
 CUT = 0.05
 
-Vector = NDArray[np.float64]
+Vector = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)

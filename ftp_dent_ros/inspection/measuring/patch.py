@@ -72,7 +72,7 @@ class Patch:
         """Values at fractions of cells, 0 beyond the frame; of up to 2 dimensions."""
         x, y = np.atleast_2d(np.float32(columns)), np.atleast_2d(np.float32(rows))
         found = cv2.remap(np.float32(values), x, y, how, borderMode=cv2.BORDER_CONSTANT)
-        return np.asarray(found).reshape(np.shape(columns))
+        return np.asarray(found, np.float32).reshape(np.shape(columns))
 
     def along(self, x: float, y: float, angle: float, distances: Map) -> tuple[Map, Mask]:
         """Depths at distances from a place, at an angle from x; and where they are measured."""
@@ -99,8 +99,8 @@ class Patch:
         rng = np.random.default_rng(0)
         # White noise has a white spectrum; the two parts of a complex field are independent.
         white = rng.standard_normal((times // 2, *self.depth.shape, 2), np.float32)
-        white = white.view(np.complex64)[..., 0]
-        fields = scipy.fft.ifft2(self.passed * white, norm='ortho')
+        spectra = self.passed * white.view(np.complex64)[..., 0]
+        fields = scipy.fft.ifft2(spectra, norm='ortho')
         for drawn in (*fields.real, *fields.imag):
             doubt, offset = np.float32(rng.standard_normal(2) * (1.0, unsure))
             depth = self.depth + self.strays * drawn + doubt * self.doubt + offset
@@ -204,7 +204,7 @@ def _smoothing(
     return max(finest, _WIDEST * width * min(drowned, 1.0))
 
 
-def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
+def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[NDArray[np.float32]], Mask]:
     """Means of maps, shape (rows, columns, n), on a coarser grid, and where they are known.
 
     The first two, places, go on where they are not known.
@@ -214,7 +214,8 @@ def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
     weight = known.astype(np.float32)
     share = np.asarray(cv2.resize(weight, size, interpolation=cv2.INTER_AREA))
     total = cv2.resize(maps * weight[..., None], size, interpolation=cv2.INTER_AREA)
-    found = [np.asarray(each) for each in cv2.split(total / np.maximum(share, 1e-6)[..., None])]
+    means = cv2.split(total / np.maximum(share, np.float32(1e-6))[..., None])
+    found = [np.asarray(each, np.float32) for each in means]
     known = share > 0.5
     if not known.all():
         v, u = np.mgrid[: size[1], : size[0]] / max(size)

@@ -183,7 +183,7 @@ class _Split:
             return None
         # On most of it one plane lies beside the contour.
         rows, columns = np.nonzero(core)
-        terms = np.stack([np.ones(len(rows)), rows, columns])
+        terms = np.stack([np.ones(len(rows)), rows, columns]).astype(float)
         left = np.abs(deviation[core] - fitted(terms, deviation[core]) @ terms)
         tolerance = max(tolerance, height / 10)
         if np.median(left) > tolerance:

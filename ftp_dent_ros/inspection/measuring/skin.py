@@ -107,11 +107,10 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
 def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     """Surroundings of what is deep enough to be a dent, as far as it strays from the skin."""
     strays, deep = (np.zeros(skin.deviation.shape, bool) for _ in range(2))
-    least = LEVEL * settings.smallest_depth
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth))
         strays |= off > COVERAGE * spread
-        deep |= off > np.maximum(SURE * spread, least)
+        deep |= off > np.maximum(SURE * spread, settings.smallest_depth / 2)
     wide = 2 * round(AROUND * settings.smallest_width / max(lattice.spacing)) + 1
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
     return strays & (cv2.dilate(deep.view(np.uint8), around) > 0)
