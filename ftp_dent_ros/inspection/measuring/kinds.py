@@ -51,8 +51,7 @@ def kind_of(
     depth, width, least = sizes.depth.value, sizes.width.value, settings.smallest_width
     surely = width + COVERAGE * sizes.width.uncertainty < least
     long = min(sizes.length.value / width, sizes.slender) > LONG
-    short = sizes.length.value < least or (surely and (not long or sizes.is_cut))
-    if short or depth < settings.smallest_depth:
+    if (surely and (not long or sizes.is_cut)) or depth < settings.smallest_depth:
         return '', ''
     if depth > STEEP * max(width, least):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
@@ -73,6 +72,8 @@ def kind_of(
         return 'crease', ''
     if surely:
         return 'other', 'narrower than the smallest dent'
+    if sizes.length.value < least:
+        return 'other', 'may be smaller than the smallest dent'
     if sign < 0:
         return 'bump', ''
     if sizes.hidden > CUT:
