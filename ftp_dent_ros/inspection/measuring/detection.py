@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
-from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Mask, smoothed
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
@@ -68,7 +68,8 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
         smooth = np.where(known | gaps, np.nan_to_num(smooth), np.float32(0))
         ratio = smooth / unsure
         for side, sign in enumerate((1, -1)):
-            np.maximum(evidence[side], sign * ratio, out=evidence[side])
+            deep = sign * smooth > LEAST * least
+            np.fmax(evidence[side], sign * ratio, out=evidence[side], where=deep)
         if np.median(base[known]) > least / significant:
             base, height = spread, smooth
     found = []

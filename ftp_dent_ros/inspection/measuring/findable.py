@@ -12,7 +12,7 @@ from ftp_dent_ros.cloud.response import OF_WAVES, halved
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.detection import RATE, TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map
 from ftp_dent_ros.inspection.measuring.patch import DOUBT
 from ftp_dent_ros.inspection.measuring.skin import Skin
@@ -52,7 +52,8 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
     significant, places = skin.noise.significant(RATE), []
     for scale in skin.noise.scales[1:]:
         spread = np.hypot(skin.noise.after(scale), wavy)
-        places.append((significant + _SURELY) * spread / left(OF_WAVES, scale**2))
+        seen = np.maximum((significant + _SURELY) * spread, LEAST * settings.smallest_depth)
+        places.append(seen / left(OF_WAVES, scale**2))
     once, twice, restored = (left(OF_WAVES * order) for order in (1, 2, 3))
     doubt = np.hypot(DOUBT * (twice - once), restored - twice)
     spread = np.hypot(skin.noise.after(math.sqrt(square) / 2), wavy)

@@ -19,12 +19,15 @@ from ftp_dent_ros.robust import median
 FEW = 300
 # A cloud whose neighbours lie so far apart is not in metres.
 _WIDEST_SPACING = 0.05
-#: Points that medians and first contours are taken of, about: for speed.
+#: Points that medians and first contours are taken of, about, and cells of a patch: for speed.
 ENOUGH = 5000
 #: Cells across the smallest dent.
 CELLS = 5
-#: Of a dent's depth, where its sizes are measured; and of the smallest one's, what matters.
+#: Of a dent's depth, where its sizes are measured and its saddle to another one lies lower; and of
+# the smallest one's, what matters.
 LEVEL = 0.1
+#: Of the smallest depth, what a mean over a part of a dent has at least, and skins stand apart by.
+LEAST = 0.5
 #: Spacings over which points hang together: what lies farther off is on another skin, and a cloud
 # that does not state its resolution shows waves that long by half.
 TOGETHER = 4.0

@@ -49,7 +49,7 @@ def measure(
     peaks = _peaks(patch, settings.smallest_depth)
     sized = [
         (sizes_of(patch, at, region, skin), region, overlaps)
-        for at, (region, overlaps) in zip(peaks, _divided(patch, peaks, LEVEL), strict=True)
+        for at, (region, overlaps) in zip(peaks, _divided(patch, peaks), strict=True)
     ]
     if not any(sizes for sizes, *_ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
@@ -92,18 +92,10 @@ def _peaks(patch: Patch, least: float) -> list[tuple[int, int]]:
     return [(int(row), int(column)) for row, column in at[kept]]
 
 
-def _divided(
-    patch: Patch, peaks: list[tuple[int, int]], level: float
-) -> list[tuple[Mask | None, bool]]:
+def _divided(patch: Patch, peaks: list[tuple[int, int]]) -> list[tuple[Mask | None, bool]]:
     """Cells of each peak, divided where water would divide, and whether it overlaps another one.
 
-    Parameters
-    ----------
-    patch : Patch
-    peaks : list of (int, int)
-        Rows and columns.
-    level : float
-        Part of its depth above which a dent is connected with one that it overlaps.
+    It does if it is connected with that one above `LEVEL` of its depth.
     """
     if len(peaks) < 2:
         return [(None, False) for _ in peaks]

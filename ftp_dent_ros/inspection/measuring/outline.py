@@ -146,7 +146,8 @@ def find_outline(
     high, low = depths[each, last], depths[each, last + 1]
     beyond = (high - level * depth) / np.maximum(high - low, 1e-12)
     crossing = _ALONG[last] + _ALONG[1] * np.clip(beyond, 0, 1)
-    # As many harmonics as the level is noise, but those of an ellipse: ragged curves are too long.
+    # As many harmonics as the level is standard deviations of the noise, and two at least: a
+    # ragged curve is too long.
     spectrum = np.fft.rfft(crossing)
     spectrum[int(np.clip(level * depth / max(noise, 1e-12), 2, _HARMONICS)) + 1 :] = 0
     # Twice as many points as rays: a polygon is smaller than its curve.

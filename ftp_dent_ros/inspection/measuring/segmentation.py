@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, fit_contour
 from ftp_dent_ros.inspection.measuring.gaps import gaps_of
-from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, LEVEL, TOGETHER, WIDE, Lattice
+from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, LEAST, LEVEL, TOGETHER, WIDE, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of, rough_noise, smoothed
 from ftp_dent_ros.robust import fitted
 
@@ -21,8 +21,8 @@ _STRAYS = 0.3
 # what the rim cuts, and all but a twentieth of what lies whole on a skin, as dents do.
 _HALF, _WHOLE = (0.55, 0.5), (0.85, 0.05)
 # Two parts are one skin if about one contour they stray no more than so many times as about their
-# own, and do not stand apart beside what parts them by more than so many smallest depths.
-_STRAY, _APART = 1.25, 0.5
+# own, and do not stand apart beside what parts them.
+_STRAY = 1.25
 # Slope within which islands in a gap are of the skin around it.
 _SLOPE = 0.5
 
@@ -137,7 +137,7 @@ class _Split:
         reach += float(_distance(one)[other].min())
         sides = one & (_distance(other) < reach), other & (_distance(one) < reach)
         high, low = (median_of(together[side]) for side in sides)
-        return abs(high - low) < _APART * self._settings.smallest_depth
+        return abs(high - low) < LEAST * self._settings.smallest_depth
 
     def skins_of(self, region: Mask) -> list[Segment]:
         """Skins within one region: laps and steps have no gap."""

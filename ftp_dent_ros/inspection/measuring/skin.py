@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
 from ftp_dent_ros.inspection.measuring.gaps import filled
-from ftp_dent_ros.inspection.measuring.lattice import LEVEL, WIDE, Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, WIDE, Lattice
 from ftp_dent_ros.inspection.measuring.noise import (
     SURE,
     Map,
@@ -95,7 +95,8 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
         bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
-    # Where no contour is met, what is wide is as likely the skin's own shape as a dent.
+    # Waves that may feign a part of the smallest dent matter. And where no contour is met, what
+    # is wide is as likely the skin's own shape as a dent.
     if not part.is_met or SURE * skin.noise.common[-1] > LEVEL * settings.smallest_depth:
         # Crests of waves stray from the contour as dents do: weights keep them in the relief.
         seen = usable & np.isfinite(skin.deviation)
@@ -110,7 +111,7 @@ def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth))
         strays |= off > COVERAGE * spread
-        deep |= off > np.maximum(SURE * spread, settings.smallest_depth / 2)
+        deep |= off > np.maximum(SURE * spread, LEAST * settings.smallest_depth)
     wide = 2 * round(AROUND * settings.smallest_width / max(lattice.spacing)) + 1
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
     return strays & (cv2.dilate(deep.view(np.uint8), around) > 0)
