@@ -2,10 +2,10 @@
 
 With sizes on the contour at 10 % of the depth:
 
-- nothing: shallower or shorter than the smallest dent; or surely narrower, and no valley: a rivet.
+- nothing: shallower than the smallest dent; or surely narrower, and no valley: a rivet.
 - *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
   as where a wing's root meets the fuselage; or its bottom is not measured; or the rim of the
-  measured area cuts it; or it is surely narrower than the smallest dent.
+  measured area cuts it; or it is narrower than the smallest dent, or may be shorter.
 - *bump*: outward.
 - *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
   the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.47 of it, a paraboloid
