@@ -122,7 +122,7 @@ def _measured(
 ) -> tuple[NDArray[np.float64], Outline] | None:
     """Depth, length, width, angle, area and volume; and the outline."""
     high = float(patch.depth[at])
-    if high <= 0:
+    if not high > 0:
         return None
     depth = _bottom(patch, part_above(patch, at, CAP * high, region))
     outline = find_outline(patch, at, depth, LEVEL, region)
