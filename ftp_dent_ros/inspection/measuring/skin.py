@@ -99,17 +99,21 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     # is wide is as likely the skin's own shape as a dent.
     if not part.is_met or SURE * skin.noise.common[-1] > LEVEL * settings.smallest_depth:
         # Crests of waves stray from the contour as dents do: weights keep them in the relief.
-        seen = usable & np.isfinite(skin.deviation)
-        relief = relief_of(skin.deviation, seen, lattice, settings.smallest_width)
-        return skin if relief is None else about(contour, relief, usable)
+        seen, deviation = usable & np.isfinite(skin.deviation), skin.deviation
+        relief = relief_of(deviation, seen, lattice, settings.smallest_width)
+        if relief is not None:
+            bare = seen & ~_off(about(contour, relief, usable), lattice, settings)
+            relief = relief_of(deviation, bare, lattice, settings.smallest_width)
+            skin = about(contour, relief, bare)
     return skin
 
 
 def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     """Surroundings of what is deep enough to be a dent, as far as it strays from the skin."""
     strays, deep = (np.zeros(skin.deviation.shape, bool) for _ in range(2))
+    lacks = 0.0 if skin.relief is None else skin.relief.lacks
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
-        spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth))
+        spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth) - lacks)
         strays |= off > COVERAGE * spread
         deep |= off > np.maximum(SURE * spread, LEAST * settings.smallest_depth)
     wide = 2 * round(AROUND * settings.smallest_width / max(lattice.spacing)) + 1

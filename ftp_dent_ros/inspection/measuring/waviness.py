@@ -37,8 +37,8 @@ class Relief:
 
     Attributes
     ----------
-    heights : ndarray, shape (rows, columns), float32
-        Depths, metres.
+    heights, lacks : ndarray, shape (rows, columns), float32
+        Depths, and how much more the waves may be, which the fit follows part of the way, metres.
     amplitude : float
         Of the sine with the same root mean square, metres.
     under_hole : float
@@ -49,6 +49,7 @@ class Relief:
     """
 
     heights: Map
+    lacks: Map
     amplitude: float
     under_hole: float
     hole: float
@@ -82,10 +83,16 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
     left, before = np.abs(fit.values - smooth)[sure], np.abs(fit.values)[sure]
     if not len(left) or median_of(left) > _LEFT * median_of(before):
         return None
-    fine = cv2.resize(np.float32(smooth), deviation.shape[::-1], interpolation=cv2.INTER_CUBIC)
-    amplitude = math.sqrt(2) * float(smooth[fit.weight > 0].std())
+    # At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
+    again = fit.passed(smooth)
+    again += fit.passed(smooth - again)
+    fine, lacks = (
+        np.asarray(cv2.resize(each, deviation.shape[::-1], interpolation=cv2.INTER_CUBIC))
+        for each in (np.float32(smooth), np.float32(2 * np.abs(smooth - again)))
+    )
+    amplitude = math.sqrt(2) * float(fine[np.isfinite(deviation)].std())
     hole = AROUND * smallest
-    return Relief(np.asarray(fine), amplitude, fit.error_under(hole), hole)
+    return Relief(fine, lacks, amplitude, fit.error_under(hole), hole)
 
 
 class _Plate:
