@@ -10,20 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ftp_dent_ros.inspection.measuring.lattice import FEW
 from ftp_dent_ros.robust import median
 
 # Tukey's biweight: its efficiency is 95 % at this many standard deviations.
 TUKEY = 4.7
 # Square of the steepest slope that a sagitta is calculated of: a sphere ends at 1.
 _STEEPEST = 0.9
-# Points that a contour is fitted to, and those that starts are compared by.
-_SAMPLES, _FEW = 1500, 300
 # Mean residual, in full widths of the biweight, of a fit that most of the points agree on.
 _AGREED = 0.3
-# Narrower by so much in each round.
-_SHRINK = 0.6
-# Of points whose neighbours err alike: group size, and the fewest in a group.
-_GROUP, _FEWEST = 16, 6
 
 Field = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -118,13 +113,13 @@ def fit_contour(
     rng : numpy.random.Generator
         Draws the points that are looked at, of many.
     """
-    points = _some(points, _SAMPLES, rng)
+    points = _some(points, FEW, rng)
     contour = _plane(points, viewpoint)
-    few = _Samples(contour, _some(points, _FEW, rng), noise)
-    whole, *halves = few.starts()
-    fits = [few.fitted(whole)]
+    samples = _Samples(contour, points, noise)
+    whole, *halves = samples.starts()
+    fits = [samples.fitted(whole)]
     if fits[0][0] > _AGREED:
-        fits += [few.fitted(half) for half in halves]
+        fits += [samples.fitted(half) for half in halves]
     best = min(fits, key=lambda fit: fit[0])[1]
     for _ in range(2):
         # Again over the plane that is tangent to it: the sagitta is about its foot.
@@ -141,16 +136,15 @@ def refined(contour: Contour, points: NDArray, noise: float) -> Contour:
     contour : Contour
     points : ndarray, shape (n, 3)
     noise : float
-        Their standard deviation, metres. How far it is correlated is seen from the fit.
+        Their standard deviation, metres.
     """
     samples = _Samples(contour, points, noise)
     coefficients = samples.narrowed(contour.coefficients, 2 * noise)
     left = samples.left(coefficients)
-    weight = _biweight(left / samples.width)
+    weight = biweight(left / samples.width)
     variance = (weight * left * left).sum() / max(weight.sum() - len(coefficients), 1.0)
     inverse = np.linalg.pinv(samples.terms.T @ (samples.terms * weight[:, None]))
-    together = samples.alike(left, weight)
-    return replace(contour, coefficients=coefficients, covariance=together * variance * inverse)
+    return replace(contour, coefficients=coefficients, covariance=variance * inverse)
 
 
 class _Samples:
@@ -189,27 +183,14 @@ class _Samples:
         return float(np.minimum(np.abs(self.left(found)) / self.width, 1).mean()), found
 
     def narrowed(self, found: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
-        """Coefficients by biweights that shrink from a standard deviation to the noise's."""
+        """Coefficients by biweights that halve from a standard deviation to the noise's."""
         width = max(TUKEY * spread / self._scale, self.width)
         while True:
             for _ in range(2):
-                found = self._improved(found, _biweight(self.left(found) / width))
+                found = self._improved(found, biweight(self.left(found) / width))
             if width == self.width:
                 return found
-            width = max(_SHRINK * width, self.width)
-
-    def alike(self, left: Field, weight: Field) -> float:
-        """Number of neighbours that err alike, from the means of groups."""
-        kept = weight > 0
-        x, y, left = self.x[kept], self.y[kept], left[kept]
-        side = math.sqrt(_GROUP * np.ptp(x) * np.ptp(y) / max(len(x), 1)) + 1e-12
-        _, group = np.unique(np.floor(x / side) + 1e4 * np.floor(y / side), return_inverse=True)
-        count = np.bincount(group)
-        means = np.bincount(group, left) / count
-        full, square = count >= _FEWEST, float(np.mean(left * left))
-        if full.sum() < 4 or not square:
-            return 1.0
-        return float(np.clip(np.mean((count * means**2)[full]) / square, 1, _GROUP))
+            width = max(width / 2, self.width)
 
     def _improved(self, found: NDArray[np.float64], weight: Field) -> NDArray[np.float64]:
         """One step of weighted least squares; none where fewer points bear weight than 6."""
@@ -232,7 +213,7 @@ def _gradient(c: Field, x: Field, y: Field) -> tuple[Field, Field, Field]:
     return along_x, along_y, np.sqrt(1 - np.minimum(square, x.dtype.type(_STEEPEST)))
 
 
-def _biweight(ratio: Field) -> Field:
+def biweight(ratio: Field) -> Field:
     """Weight of Tukey's biweight, 0 from a ratio of 1 on."""
     return np.square(1 - np.minimum(ratio * ratio, 1))
 

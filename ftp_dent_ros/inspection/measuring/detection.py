@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Mask, smoothed
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
@@ -17,10 +17,6 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 RATE = 0.05
 #: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
 TENTH = 2 * math.sqrt(2 * math.log(10))
-# Standard deviations that the rest of a place departs by.
-_EDGE = 3.0
-#: Part of the smallest depth that a smoothed place has at least, and that of its rest.
-LEAST, _LEAST_EDGE = 0.5, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +69,12 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
         ratio = smooth / unsure
         for side, sign in enumerate((1, -1)):
             deep = sign * smooth > LEAST * least
-            np.maximum(evidence[side], sign * ratio, out=evidence[side], where=deep)
+            np.fmax(evidence[side], sign * ratio, out=evidence[side], where=deep)
         if np.median(base[known]) > least / significant:
             base, height = spread, smooth
     found = []
     for side, sign in enumerate((1, -1)):
-        above = sign * height > np.maximum(_EDGE * base, _LEAST_EDGE * least)
+        above = sign * height > np.maximum(COVERAGE * base, LEVEL * least)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(above.view(np.uint8))
         for index in np.unique(labels[(evidence[side] >= significant) & above]):
             left, top, width, rows, _ = stats[index]

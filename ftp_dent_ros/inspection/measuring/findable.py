@@ -10,9 +10,9 @@ from scipy import stats
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved
 from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.detection import LEAST, RATE, TENTH
+from ftp_dent_ros.inspection.measuring.detection import RATE, TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map
 from ftp_dent_ros.inspection.measuring.patch import DOUBT
 from ftp_dent_ros.inspection.measuring.skin import Skin

@@ -10,10 +10,6 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-#: Of what a dent is looked for across, in smallest widths.
-GAP = 3.0
-# Cells about a gap: two that a plate depends on, two that may be left out, and one more.
-_ABOUT = 5
 # Two cells beside a gap, which an edge of light or paint may have bent.
 _BESIDE = np.ones((5, 5), np.uint8)
 
@@ -56,9 +52,10 @@ def filled(values: Map, known: Mask, reach: int) -> tuple[Map, Map, Mask]:
     if not gaps.any():
         return values, doubt, gaps
     window = tuple(
-        slice(max(at[0] - _ABOUT, 0), at[-1] + _ABOUT + 1)
+        slice(max(at[0] - len(_BESIDE), 0), at[-1] + len(_BESIDE) + 1)
         for at in (np.flatnonzero(gaps.any(axis=axis)) for axis in (1, 0))
     )
+    # A plate depends on two cells about it, and two more may be left out.
     part, free = gaps[window], ~known[window]
     given = np.where(free, 0, values[window]).astype(float)
     farther = cv2.dilate(free.view(np.uint8), _BESIDE) > 0

@@ -62,7 +62,7 @@ def inspect(
             'no part of the cloud is large enough to know the skin: come closer, or light more'
         )
     borders = seams(labels, _SEAM)
-    found: list[MeasuredDent] = find_steps(lattice, segments, labels, borders, settings)
+    found: list[MeasuredDent] = find_steps(lattice, segments, borders, settings)
     wavy: list[Waviness] = []
     shape = cloud.points.shape[:2]
     deviation, noise, findable = (np.full(shape, np.nan, np.float32) for _ in range(3))
@@ -83,7 +83,6 @@ def inspect(
         for place in find_places(skin, lattice, settings):
             dents = measure(place, skin, lattice, settings)
             found += dents if part.is_met else [_unless_shape(dent, settings) for dent in dents]
-    found = [dent for dent in found if not _is_part(dent, found)]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
     others = tuple(dent for dent in placed if dent.kind != 'dent')
@@ -95,17 +94,6 @@ def _unless_shape(dent: MeasuredDent, settings: SmallestDent) -> MeasuredDent:
     if dent.length.value < CUTOFF * settings.smallest_width:
         return dent
     return replace(dent, kind='other', reason=_SHAPE)
-
-
-def _is_part(dent: MeasuredDent, found: list[MeasuredDent]) -> bool:
-    """Whether a deeper place lies about the same middle: as a dent in its raised rim."""
-    return any(
-        np.linalg.norm(dent.position - other.position)
-        < min(other.width.value, dent.width.value) / 4
-        and abs(other.depth.value) > abs(dent.depth.value)
-        for other in found
-        if other.kind != 'step' and dent.kind != 'step'
-    )
 
 
 def _moved(dent: MeasuredDent, origin: np.ndarray) -> MeasuredDent:

@@ -2,13 +2,13 @@
 
 With sizes on the contour at 10 % of the depth:
 
-- nothing: shallower or shorter than the smallest dent; or surely narrower, and no valley: a rivet.
+- nothing: shallower than the smallest dent; or surely narrower, and no valley: a rivet.
 - *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
   as where a wing's root meets the fuselage; or its bottom is not measured; or the rim of the
-  measured area cuts it; or it is a valley or ridge narrower than the smallest dent.
+  measured area cuts it; or it is narrower than the smallest dent, or may be shorter.
 - *bump*: outward.
 - *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
-  the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.48 of it, a paraboloid
+  the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.47 of it, a paraboloid
   1.1), or it is so narrow that the reconstruction cannot show whether it is. Repair manuals treat
   a crease as a crack.
 - *dent*: all else that is inward.
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.outline import CUT
-from ftp_dent_ros.inspection.measuring.sizes import Sizes
+from ftp_dent_ros.inspection.measuring.sizes import CAP, Sizes
 
 #: Longer than so many widths is long: a valley, not a round dent.
 LONG = 1.8
@@ -30,8 +30,6 @@ _SHARP = 0.33
 _UNRESOLVED = 3.0
 #: Depths, in smallest ones, of what the rim cuts, for the contour is known on one side of it only.
 AT_RIM = 4.0
-# Part of a depth that must be measured, and of a dent that is not, for its bottom to be seen.
-_BOTTOM, _MOST = 0.9, 0.5
 
 
 def kind_of(
@@ -50,37 +48,36 @@ def kind_of(
     overlaps : bool
         Whether its outline ends at another dent.
     """
-    depth, width = sizes.depth.value, sizes.width.value
-    narrow = width < settings.smallest_width
-    surely = width + COVERAGE * sizes.width.uncertainty < settings.smallest_width
+    depth, width, least = sizes.depth.value, sizes.width.value, settings.smallest_width
+    surely = width + COVERAGE * sizes.width.uncertainty < least
     long = min(sizes.length.value / width, sizes.slender) > LONG
-    short = sizes.length.value < settings.smallest_width
-    small = short or (surely and (not long or sizes.outline.is_cut))
-    if small or not depth >= settings.smallest_depth:
+    if (surely and (not long or sizes.is_cut)) or depth < settings.smallest_depth:
         return '', ''
-    if depth > STEEP * max(width, settings.smallest_width):
+    if depth > STEEP * max(width, least):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
-    if sizes.hidden > _MOST or (sizes.hidden > CUT and sizes.shown < _BOTTOM * depth):
+    is_sure = depth > COVERAGE * sizes.depth.uncertainty
+    if sizes.hidden > CUT and (sizes.shown < CAP * depth or not is_sure):
         return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
-    if sizes.outline.is_cut and depth < AT_RIM * settings.smallest_depth:
+    if sizes.is_cut and depth < AT_RIM * settings.smallest_depth:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
-    is_cut = sizes.outline.is_cut or sizes.hidden > CUT
-    # Of a Gaussian 0.48, of a paraboloid 1.1.
+    # Of a Gaussian 0.47, of a paraboloid 1.1.
     bluntness = 8 * depth * sizes.radius / width**2
-    unresolved = width < _UNRESOLVED * resolution and bluntness < 1
-    if sign > 0 and long and not is_cut and unresolved and bluntness >= _SHARP:
+    valley = sign > 0 and long
+    if valley and _SHARP <= bluntness < 1 and width < _UNRESOLVED * resolution:
         return 'crease', 'too narrow to see how sharp it is'
-    if not depth > COVERAGE * sizes.depth.uncertainty:
+    if not is_sure:
         unsure = 1e3 * sizes.depth.uncertainty
         return 'other', f'the cloud is not sure of the surface here ({unsure:.2f} mm)'
-    if sign < 0:
-        return ('other', 'a narrow ridge') if narrow else ('bump', '')
-    if long and bluntness < _SHARP:
+    if valley and bluntness < _SHARP:
         return 'crease', ''
     if surely:
         return 'other', 'narrower than the smallest dent'
+    if sizes.length.value < least:
+        return 'other', 'may be smaller than the smallest dent'
+    if sign < 0:
+        return 'bump', ''
     if sizes.hidden > CUT:
         return 'dent', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
-    if narrow:
+    if width < least:
         return 'dent', 'may be narrower than the smallest dent'
     return 'dent', 'overlaps another one: its outline ends where they part' if overlaps else ''

@@ -14,15 +14,25 @@ from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.robust import median
 
-_FEWEST_POINTS = 300
+#: Points that a skin is known by, roughly: clouds of fewer are refused, and fits that are made
+# again and again are made to so many.
+FEW = 300
 # A cloud whose neighbours lie so far apart is not in metres.
 _WIDEST_SPACING = 0.05
-#: Points that medians and first contours are taken of, about: for speed.
+#: Points that medians and first contours are taken of, about, and cells of a patch: for speed.
 ENOUGH = 5000
-# Cells across the smallest dent.
-_CELLS = 5
-# Points of a cloud that does not state its resolution show waves of so many spacings by half.
-_SUPPOSED = 4.0
+#: Cells across the smallest dent.
+CELLS = 5
+#: Of a dent's depth, where its sizes are measured and its saddle to another one lies lower; and of
+# the smallest one's, what matters.
+LEVEL = 0.1
+#: Of the smallest depth, what a mean over a part of a dent has at least, and skins stand apart by.
+LEAST = 0.5
+#: Spacings over which points hang together: what lies farther off is on another skin, and a cloud
+# that does not state its resolution shows waves that long by half.
+TOGETHER = 4.0
+#: Smallest widths that a skin is wide at least, and that a gap in it is across at most.
+WIDE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +99,7 @@ class Lattice:
                 f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be '
                 'in millimetres: give it in metres'
             )
-        block = max(1, round(settings.smallest_width / _CELLS / max(across)))
+        block = max(1, round(settings.smallest_width / CELLS / max(across)))
         share = _means(finite.astype(np.float32), block)
         valid = share > 0.5
         # What is divided by infinity is 0.
@@ -130,7 +140,7 @@ class Lattice:
         Of a cloud that does not state its resolution, one fit in windows of some points.
         """
         if self.resolution is None:
-            return _SUPPOSED * max(self.spacing) / self.block / halved(1), 1
+            return TOGETHER * max(self.spacing) / self.block / halved(1), 1
         return median(self.resolution[at]) / halved(fits), fits
 
     def relative(self, points: NDArray) -> NDArray[np.float32]:
@@ -149,11 +159,12 @@ def _before_denoising(
     known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
     if not known.any():
         return cloud.points, cloud.sigma
-    rays = cloud.points - viewpoint.astype(np.float32)
-    distance = np.sqrt(np.maximum(np.einsum('ijk,ijk->ij', rays, rays), np.float32(1e-18)))
+    rays = _moved(cloud.points, -viewpoint)
+    x, y, z = cv2.split(rays)
+    distance = np.maximum(cv2.magnitude(cv2.magnitude(x, y), z), np.finfo(np.float32).tiny)
     shift = np.where(known, cloud.raw, np.float32(0)) / distance
-    moved = (cloud.points + shift[..., None] * rays).astype(np.float32, copy=False)
-    return moved, np.where(known, cloud.noise, cloud.sigma)
+    moved = cv2.multiply(rays, cv2.merge([shift] * 3)) + cloud.points
+    return np.float32(moved), np.where(known, cloud.noise, cloud.sigma)
 
 
 def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:
@@ -182,10 +193,10 @@ def _checked(cloud: Cloud) -> NDArray[np.float64]:
     count = int(finite.sum())
     if not count:
         raise CloudError('no point of the cloud is measured (all are NaN): give another cloud')
-    if count < _FEWEST_POINTS:
+    if count < FEW:
         raise CloudError(
             f'only {count} points of the cloud are measured, too few to know the skin: '
-            f'give a cloud of {_FEWEST_POINTS} or more'
+            f'give a cloud of {FEW} or more'
         )
     step = max(1, int(np.sqrt(count / ENOUGH)))
     some = cloud.points[::step, ::step][finite[::step, ::step]]

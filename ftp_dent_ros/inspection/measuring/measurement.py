@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.dent_model import model_axes
-from ftp_dent_ros.inspection.measuring.detection import LEAST, Place
+from ftp_dent_ros.inspection.measuring.detection import Place
 from ftp_dent_ros.inspection.measuring.kinds import kind_of
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.outline import CUT
+from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
+from ftp_dent_ros.inspection.measuring.noise import SURE
+from ftp_dent_ros.inspection.measuring.outline import CUT, part_above
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch, patch_of
-from ftp_dent_ros.inspection.measuring.peaks import divided, peaks_of
-from ftp_dent_ros.inspection.measuring.sizes import LEVEL, Sizes, sizes_of
+from ftp_dent_ros.inspection.measuring.segmentation import nearest
+from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
+# Depths that maxima are looked at from, to find their saddles.
+_LEVELS = 32
 # Of a profile, in lengths of the dent.
 _PROFILE = np.linspace(-0.83, 0.83, 81)
 _NAN = Estimate(math.nan, math.nan)
@@ -43,10 +46,10 @@ def measure(
     settings : SmallestDent
     """
     patch = patch_of(place, skin, lattice)
-    peaks = peaks_of(patch, LEAST * settings.smallest_depth)
+    peaks = _peaks(patch, settings.smallest_depth)
     sized = [
         (sizes_of(patch, at, region, skin), region, overlaps)
-        for at, (region, overlaps) in zip(peaks, divided(patch, peaks, LEVEL), strict=True)
+        for at, (region, overlaps) in zip(peaks, _divided(patch, peaks), strict=True)
     ]
     if not any(sizes for sizes, *_ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
@@ -55,6 +58,56 @@ def measure(
         for sizes, region, overlaps in sized
         if sizes is not None
         and (kind := kind_of(sizes, place.sign, patch.resolution, settings, overlaps))[0]
+    ]
+
+
+def _peaks(patch: Patch, least: float) -> list[tuple[int, int]]:
+    """Rows and columns of the maxima that stand out from their saddles, the deepest first.
+
+    Parameters
+    ----------
+    patch : Patch
+    least : float
+        Depth that a maximum has at least, metres.
+    """
+    values = np.where(patch.known, patch.depth, 0.0).astype(np.float32)
+    unsure = np.hypot(patch.strays, patch.doubt)
+    top = cv2.dilate(values, np.ones((5, 5), np.uint8))
+    at = np.argwhere((values == top) & patch.own & (values > least))
+    order = np.argsort(-values[tuple(at.T)], kind='stable')
+    at, heights = at[order], values[tuple(at[order].T)]
+    if len(at) < 2:
+        return [(int(row), int(column)) for row, column in at]
+    saddles = np.zeros((len(at), len(at)))
+    step = float(heights[0]) / _LEVELS
+    for level in step * np.arange(_LEVELS):
+        _, labels = cv2.connectedComponents((values > level).view(np.uint8))
+        place = labels[tuple(at.T)]
+        saddles[(place[:, None] == place) & (place > 0)] = level
+    kept = [0]
+    for index in range(1, len(at)):
+        fall = heights[index] - saddles[index, kept].max() - step
+        if fall > max(LEVEL * heights[index], SURE * unsure[tuple(at[index])]):
+            kept.append(index)
+    return [(int(row), int(column)) for row, column in at[kept]]
+
+
+def _divided(patch: Patch, peaks: list[tuple[int, int]]) -> list[tuple[Mask | None, bool]]:
+    """Cells of each peak, divided where water would divide, and whether it overlaps another one.
+
+    It does if it is connected with that one above `LEVEL` of its depth.
+    """
+    if len(peaks) < 2:
+        return [(None, False) for _ in peaks]
+    found = np.full(patch.depth.shape, -1, np.int32)
+    found[tuple(np.array(peaks).T)] = np.arange(len(peaks))
+    for depth in np.linspace(float(patch.depth.max()), 0.0, _LEVELS):
+        reached = patch.known & (patch.depth >= depth) & (found < 0)
+        found = np.where(reached, nearest(found), found)
+    around = [part_above(patch, peak, LEVEL * patch.depth[peak], None) for peak in peaks]
+    return [
+        (found == index, sum(bool(part[other]) for other in peaks) > 1)
+        for index, part in enumerate(around)
     ]
 
 
@@ -100,7 +153,7 @@ def _dent(
         volume=Estimate(sign * sizes.volume.value, sizes.volume.uncertainty),
         bottom_radius=sizes.radius,
         significance=place.significance,
-        is_cut=outline.is_cut or sizes.hidden > CUT,
+        is_cut=sizes.is_cut or sizes.hidden > CUT,
         outline=feet - sign * LEVEL * sizes.depth.value * outward,
         length_profile=lengthwise,
         width_profile=crosswise,

@@ -60,7 +60,8 @@ class Noise:
         ratio, alike = (
             np.float32(np.interp(scale, self.scales, each)) for each in (self.ratios, self.common)
         )
-        return np.hypot(alike, ratio * (self.stated if stated is None else stated))
+        stated = self.stated if stated is None else stated
+        return np.sqrt(alike * alike + np.square(ratio * stated))
 
     def before(self, scale: float, stated: NDArray) -> NDArray:
         """Of white noise that is as strong as this one after a Gaussian of `scale` metres.

@@ -11,25 +11,21 @@ import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
 from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
-from ftp_dent_ros.inspection.measuring.moments import Moments
+from ftp_dent_ros.inspection.measuring.lattice import CELLS, ENOUGH, Lattice
 from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-# Of a place's window, as a part of its size, and in cells of the lattice.
-_MARGIN, _CELLS = 0.45, 5
-# Cells of a patch across a place, and of its window at most.
-_ACROSS, _MOST = 32, 12_000
+# Cells of a patch across a place at most.
+_ACROSS = 32
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
 #: Of what is put back: how far resolutions are off, as a part of it.
 DOUBT = 0.7
 
-Map = NDArray[np.float64]
+Map = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 
@@ -45,11 +41,11 @@ class Patch:
         In the direction of the place, smoothed, metres.
     doubt : ndarray
         Standard uncertainty of what was put back or filled, metres.
-    noise : ndarray
-        Standard deviation of the noise before it was smoothed, metres.
+    strays : ndarray
+        Standard deviation of the depths by noise, metres.
     passed : ndarray
         Of each frequency of white noise (fft2), as it is correlated, smoothed, and raised again
-        by what was put back.
+        by what was put back, over the root mean square of all.
     known, over : ndarray of bool
         Where there are depths, and where they are filled.
     own : ndarray of bool
@@ -64,7 +60,7 @@ class Patch:
     y: Map
     depth: Map
     doubt: Map
-    noise: Map
+    strays: Map
     passed: Map
     known: Mask
     over: Mask
@@ -76,7 +72,7 @@ class Patch:
         """Values at fractions of cells, 0 beyond the frame; of up to 2 dimensions."""
         x, y = np.atleast_2d(np.float32(columns)), np.atleast_2d(np.float32(rows))
         found = cv2.remap(np.float32(values), x, y, how, borderMode=cv2.BORDER_CONSTANT)
-        return found.astype(float).reshape(np.shape(columns))
+        return np.asarray(found, np.float32).reshape(np.shape(columns))
 
     def along(self, x: float, y: float, angle: float, distances: Map) -> tuple[Map, Mask]:
         """Depths at distances from a place, at an angle from x; and where they are measured."""
@@ -94,11 +90,6 @@ class Patch:
         found = np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
         return np.asarray(found, float)
 
-    @cached_property
-    def strays(self) -> Map:
-        """Standard deviation of the depths by noise, metres."""
-        return self.noise * math.sqrt(np.square(self.passed).mean())
-
     def with_noise(self, times: int, unsure: float) -> Iterator[Patch]:
         """The patch as it may have been measured as well, an even number of times.
 
@@ -107,12 +98,30 @@ class Patch:
         """
         rng = np.random.default_rng(0)
         # White noise has a white spectrum; the two parts of a complex field are independent.
-        white = rng.standard_normal((times // 2, *self.depth.shape, 2)).view(complex)[..., 0]
-        fields = scipy.fft.ifft2(math.sqrt(self.depth.size) * self.passed * white)
+        white = rng.standard_normal((times // 2, *self.depth.shape, 2), np.float32)
+        spectra = self.passed * white.view(np.complex64)[..., 0]
+        fields = scipy.fft.ifft2(spectra, norm='ortho')
         for drawn in (*fields.real, *fields.imag):
-            doubt, offset = rng.standard_normal(2) * (1.0, unsure)
-            depth = self.depth + self.noise * drawn + doubt * self.doubt + offset
+            doubt, offset = np.float32(rng.standard_normal(2) * (1.0, unsure))
+            depth = self.depth + self.strays * drawn + doubt * self.doubt + offset
             yield replace(self, depth=depth)
+
+
+def ellipse_of(mask: Mask) -> tuple[Map, Map]:
+    """The ellipse with the same second moments as the cells of a mask, which has some.
+
+    Returns
+    -------
+    centre : ndarray, shape (2, 1)
+        Column and row.
+    stretch : ndarray, shape (2, 2)
+        From the unit circle to the ellipse about its centre, cells.
+    """
+    sums = cv2.moments(mask.view(np.uint8), binaryImage=True)
+    centre = np.array([[sums['m10']], [sums['m01']]]) / sums['m00']
+    spread = np.array([[sums['mu20'], sums['mu11']], [sums['mu11'], sums['mu02']]]) / sums['m00']
+    # A twelfth of a square is the variance of a place in it.
+    return centre, 2 * np.linalg.cholesky(spread + np.eye(2) / 12)
 
 
 def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
@@ -125,7 +134,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     lattice : Lattice
     """
     block, spacing = lattice.block, max(lattice.spacing) / lattice.block
-    margin = int(_MARGIN * max(place.mask.shape)) + _CELLS
+    margin = max(place.mask.shape) // 2 + CELLS
     cells = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in place.window)
     pixels = tuple(slice(s.start * block, s.stop * block) for s in cells)
     points, measured = lattice.all_points[pixels], lattice.measured[pixels]
@@ -135,13 +144,14 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
 
     own = np.zeros(skin.usable.shape, bool)
     own[place.window] = place.mask
-    width = max(Moments.of(place.mask).ellipse(*lattice.spacing)[1], max(lattice.spacing))
+    stretch = ellipse_of(place.mask)[1] * np.array(lattice.spacing)[:, None]
+    width = 2 * float(np.linalg.norm(stretch, -2))
     known = measured & spread(skin.usable)
     x, y, depth = skin.contour.deviation(points)
     if skin.relief is not None:
         depth = depth - spread(skin.relief.heights, cv2.INTER_LINEAR)
-    zoom = min(_ACROSS * spacing / width, math.sqrt(_MOST / known.size))
-    maps = np.stack([x, y, place.sign * depth, spread(skin.noise.stated)], axis=-1)
+    zoom = min(1.0, _ACROSS * spacing / width, math.sqrt(ENOUGH / known.size))
+    maps = cv2.merge([x, y, place.sign * depth, spread(skin.noise.stated)])
     (x, y, depth, stated), known = _resized(maps, known, zoom)
     owned = (
         np.asarray(
@@ -166,13 +176,16 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     around = stated[known & ~owned]
     usual = np.float32(median_of(around if len(around) else stated.ravel()))
     beyond = np.maximum(stated * stated - usual * usual, 0)
+    white = skin.noise.before(max(scale, width / TENTH), np.minimum(stated, usual))
+    passed = _passed(known.shape, step, skin.noise, scale, (window, fits if is_stated else 0))
+    level = math.sqrt(np.square(passed).mean())
     return Patch(
         x,
         y,
-        np.where(over, place.sign * bridged, np.where(known, depth, 0.0)),
-        np.sqrt(doubt**2 + np.where(over, unsure, 0.0) ** 2 + beyond),
-        skin.noise.before(max(scale, width / TENTH), np.minimum(stated, usual)),
-        _passed(known.shape, step, skin.noise, scale, (window, fits if is_stated else 0)),
+        np.where(over, place.sign * bridged, np.where(known, depth, np.float32(0))),
+        np.sqrt(doubt**2 + np.where(over, unsure, np.float32(0)) ** 2 + beyond),
+        white * level,
+        passed / level,
         known | over,
         over,
         owned,
@@ -191,43 +204,31 @@ def _smoothing(
     return max(finest, _WIDEST * width * min(drowned, 1.0))
 
 
-def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[Map], Mask]:
-    """Maps, shape (rows, columns, n), on another grid; where they are not known they go on."""
+def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[NDArray[np.float32]], Mask]:
+    """Means of maps, shape (rows, columns, n), on a coarser grid, and where they are known.
+
+    The first two, places, go on where they are not known.
+    """
     rows, columns = known.shape
     size = max(2, round(zoom * columns)), max(2, round(zoom * rows))
     weight = known.astype(np.float32)
-    if zoom < 1:
-        share = np.asarray(cv2.resize(weight, size, interpolation=cv2.INTER_AREA))
-        total = cv2.resize(
-            np.float32(maps * weight[..., None]), size, interpolation=cv2.INTER_AREA
-        )
-        found, known = total / np.maximum(share, 1e-6)[..., None], share > 0.5
-    else:
-        nearest = np.float32(_nearest(maps, known))
-        found = np.asarray(cv2.resize(nearest, size, interpolation=cv2.INTER_CUBIC))
-        share = cv2.resize(weight, size, interpolation=cv2.INTER_LINEAR)
-        known = np.asarray(share) > 0.5
-    x, y, *others = (found[..., k].astype(float) for k in range(found.shape[-1]))
+    share = np.asarray(cv2.resize(weight, size, interpolation=cv2.INTER_AREA))
+    total = cv2.resize(maps * weight[..., None], size, interpolation=cv2.INTER_AREA)
+    means = cv2.split(total / np.maximum(share, np.float32(1e-6))[..., None])
+    found = [np.asarray(each, np.float32) for each in means]
+    known = share > 0.5
     if not known.all():
         v, u = np.mgrid[: size[1], : size[0]] / max(size)
         terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-        for places in (x, y):
+        for places in found[:2]:
             fit = np.linalg.lstsq(terms[known], places[known], rcond=None)[0]
             places[~known] = terms[~known] @ fit
-    return [x, y, *others], known
-
-
-def _nearest(values: NDArray, known: Mask) -> NDArray:
-    """Values, where they are not known those of the nearest that are."""
-    if known.all() or not known.any():
-        return values
-    at = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return values[tuple(at)]
+    return found, known
 
 
 def _mean(values: Map, known: Mask, sigma: tuple[float, float]) -> Map:
     """Gaussian mean of what is known; as it is where the windows hold nothing."""
-    both = np.dstack([np.where(known, values, 0.0), known]).astype(np.float32)
+    both = cv2.merge([np.where(known, values, np.float32(0)), np.float32(known)])
     size = [2 * math.ceil(3 * each) + 1 for each in sigma]
     total, weight = cv2.split(
         cv2.GaussianBlur(both, size, sigma[0], sigmaY=sigma[1], borderType=cv2.BORDER_CONSTANT)
@@ -239,7 +240,7 @@ def _taken(values: Map, known: Mask, sigma: tuple[float, float], fits: int) -> M
     """What some fits in Gaussian windows, each of which corrects the ones before, leave out."""
     for _ in range(fits):
         values = values - _mean(values, known, sigma)
-    return np.where(known, values, 0.0)
+    return np.where(known, values, np.float32(0))
 
 
 def _restored(
@@ -273,4 +274,4 @@ def _passed(
     taken = left_out(square * restored[0] ** 2, restored[1]) if restored[1] else 0.0
     raised = 1 + taken + taken * taken
     smooth = 1 - left_out(square * scale**2, 2)
-    return noise.spectrum(square, math.prod(step)) * smooth * raised
+    return np.float32(noise.spectrum(square, math.prod(step)) * smooth * raised)

@@ -10,23 +10,19 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, fit_contour
-from ftp_dent_ros.inspection.measuring.gaps import GAP, gaps_of
-from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
+from ftp_dent_ros.inspection.measuring.gaps import gaps_of
+from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, LEAST, LEVEL, TOGETHER, WIDE, Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of, rough_noise, smoothed
+from ftp_dent_ros.robust import fitted
 
-# A neighbour so many spacings away is on another skin.
-_JUMP = 4.0
-# Side of the smallest skin, and of the smallest one beside another without a gap, smallest widths.
-_SMALLEST, _SMALLEST_SECOND = 3.0, 4.0
-_MOST = 8
 # Part of a skin, or of its rim, that strays before no contour explains it: dents are fewer.
 _STRAYS = 0.3
 # Part of its height that the border of another skin rises by within a cell's neighbours: half of
 # what the rim cuts, and all but a twentieth of what lies whole on a skin, as dents do.
 _HALF, _WHOLE = (0.55, 0.5), (0.85, 0.05)
 # Two parts are one skin if about one contour they stray no more than so many times as about their
-# own, and do not stand apart beside what parts them by more than so many smallest depths.
-_STRAY, _APART = 1.25, 0.5
+# own, and do not stand apart beside what parts them.
+_STRAY = 1.25
 # Slope within which islands in a gap are of the skin around it.
 _SLOPE = 0.5
 
@@ -87,8 +83,8 @@ def segment(
             marks[part.mask] = index
         labels[region] = nearest(marks)[region]
         found += parts
-    labels = split.with_islands(found[:_MOST], whole, np.where(labels < _MOST, labels, -1))
-    return [replace(each, mask=labels == k) for k, each in enumerate(found[:_MOST])], labels
+    labels = split.with_islands(found, whole, labels)
+    return [replace(each, mask=labels == k) for k, each in enumerate(found)], labels
 
 
 def seams(labels: NDArray[np.int32], cells: int) -> Mask:
@@ -107,8 +103,8 @@ class _Split:
         self._lattice, self._viewpoint, self._settings = lattice, viewpoint, settings
         self._rng = np.random.default_rng(0)
         cells = settings.smallest_width**2 / (lattice.spacing[0] * lattice.spacing[1])
-        self.least, self._second = _SMALLEST**2 * cells, _SMALLEST_SECOND**2 * cells
-        self._finest = settings.smallest_depth / 10
+        self.least = WIDE**2 * cells
+        self._finest = LEVEL * settings.smallest_depth
 
     def _depths(self, part: Mask, noise: float) -> tuple[Contour, Map]:
         """Contour of a part, and how deep its cells lie below it; 0 elsewhere."""
@@ -120,7 +116,7 @@ class _Split:
     def joined(self, regions: list[Mask]) -> list[Mask]:
         """The regions, those that go on beyond what was not measured as one."""
         whole: list[Mask] = []
-        for region in regions[:_MOST]:
+        for region in regions:
             for index, other in enumerate(whole):
                 if self._is_one(region, other):
                     whole[index] = other | region
@@ -137,17 +133,17 @@ class _Split:
             strays = median_of(np.abs(together[part]))
             if strays > max(_STRAY * median_of(np.abs(alone[part])), self._finest):
                 return False
-        reach = _SMALLEST * self._settings.smallest_width / max(self._lattice.spacing)
+        reach = WIDE * self._settings.smallest_width / max(self._lattice.spacing)
         reach += float(_distance(one)[other].min())
         sides = one & (_distance(other) < reach), other & (_distance(one) < reach)
         high, low = (median_of(together[side]) for side in sides)
-        return abs(high - low) < _APART * self._settings.smallest_depth
+        return abs(high - low) < LEAST * self._settings.smallest_depth
 
     def skins_of(self, region: Mask) -> list[Segment]:
         """Skins within one region: laps and steps have no gap."""
         found: list[Segment] = []
         queue = [region]
-        while queue and len(found) < _MOST:
+        while queue:
             part = queue.pop(0)
             contour, deviation = self._depths(part, self._finest)
             noise = max(rough_noise(deviation, part), self._finest / 2)
@@ -156,7 +152,7 @@ class _Split:
             tolerance = 5 * max(noise, self._finest)
             smooth = np.nan_to_num(smoothed(deviation, part, (1.0, 1.0)))
             left = part.copy()
-            for rest in _parts(part & (np.abs(smooth) > tolerance), self._second):
+            for rest in _parts(part & (np.abs(smooth) > tolerance), self.least):
                 core = self._another(rest, deviation, part, tolerance)
                 if core is not None:
                     queue.append(core)
@@ -187,13 +183,8 @@ class _Split:
             return None
         # On most of it one plane lies beside the contour.
         rows, columns = np.nonzero(core)
-        terms = np.stack([np.ones(len(rows)), rows, columns], axis=1)
-        depth, weight = deviation[core].astype(float), np.ones(len(rows))
-        for _ in range(10):
-            weighted = terms * weight[:, None]
-            found = np.linalg.lstsq(weighted.T @ terms, weighted.T @ depth, rcond=None)[0]
-            left = np.abs(depth - terms @ found)
-            weight = 1 / np.maximum(left, tolerance / 5)
+        terms = np.stack([np.ones(len(rows)), rows, columns]).astype(float)
+        left = np.abs(deviation[core] - fitted(terms, deviation[core]) @ terms)
         tolerance = max(tolerance, height / 10)
         if np.median(left) > tolerance:
             return None
@@ -208,7 +199,7 @@ class _Split:
 
         A dent may be as deep as another skin lies, and its bottom agree with that one's contour.
         """
-        spacing, reach = max(self._lattice.spacing), GAP * self._settings.smallest_width
+        spacing, reach = max(self._lattice.spacing), WIDE * self._settings.smallest_width
         for index, each in enumerate(found):
             within = gaps_of(labels == index, round(reach / spacing)) & whole
             if not within.any():
@@ -226,7 +217,7 @@ class _Split:
 def _jumps(lattice: Lattice) -> Mask:
     """Cells before a jump to the next one."""
     cut = np.zeros(lattice.valid.shape, bool)
-    limit = _JUMP * max(lattice.spacing)
+    limit = TOGETHER * max(lattice.spacing)
     for axis, there in ((0, np.s_[1:]), (1, np.s_[:, 1:])):
         far = np.linalg.norm(np.diff(lattice.points, axis=axis), axis=-1) > limit
         cut[there] |= far & lattice.valid[there]

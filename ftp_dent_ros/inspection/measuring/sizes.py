@@ -10,19 +10,17 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from ftp_dent_ros.dents.dent import Estimate
-from ftp_dent_ros.inspection.measuring.outline import Outline, find_outline, part_above
+from ftp_dent_ros.inspection.measuring.lattice import LEVEL
+from ftp_dent_ros.inspection.measuring.outline import Outline, find_outline, is_cut, part_above
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-#: Of the depth, where length, width and area are measured.
-LEVEL = 0.1
 # Times that a dent is measured again, and how much wider that makes an interval of 95 %.
 _TIMES = 12
 _WIDER = stats.t.ppf(0.975, _TIMES - 1) / stats.norm.ppf(0.975)
-# Part of the depth above which a quadric is laid through the bottom, and its fewest cells.
-_CAP, _FEWEST = 0.85, 12
-# Of the depth, for the radius at the bottom; and places across it, in widths.
-_BOTTOM = 0.8
+#: Part of the depth above which the bottom is: a quadric is laid through it.
+CAP = 0.85
+# Places across the bottom, in widths.
 _ACROSS = np.linspace(-0.75, 0.75, 301)
 
 
@@ -42,6 +40,8 @@ class Sizes:
         Of curvature at the bottom across the length, metres; NaN if it is not measured there.
     slender : float
         Length over width at half of the depth, which noise does not draw out.
+    is_cut : bool
+        Whether the outline leaves what is measured.
     hidden : float
         Part of the area that was not measured.
     shown : float
@@ -57,6 +57,7 @@ class Sizes:
     volume: Estimate
     radius: float
     slender: float
+    is_cut: bool
     hidden: float
     shown: float
 
@@ -78,7 +79,8 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         return None
     values, outline = measured
     # Of what the rim cuts, the skin is known on one side: as in a hole that is twice as wide.
-    wide = (2 if outline.is_cut else 1) * outline.width
+    cut = is_cut(patch, outline)
+    wide = (1 + cut) * outline.width
     unsure = skin.uncertainty(*outline.centre, wide)
     again = [_measured(each, at, region) for each in patch.with_noise(_TIMES, unsure)]
     drawn = np.array([each[0] for each in again if each is not None])
@@ -90,6 +92,9 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     more = off.mean(axis=0)
     spread = np.hypot(_WIDER * off.std(axis=0, ddof=1), more / 2)
     values = np.where(values > 0, values * values / np.maximum(values + more, values / 2), values)
+    # The length is the longest distance: what would make it shorter than the width, is of both.
+    middle = values[1:3].mean()
+    values[1:3] = max(values[1], middle), min(values[2], middle)
     # Outlines that are carried on are unsure of lengths and widths, and twice of areas.
     spread = np.hypot(spread, outline.carried * values * (0, 1, 1, 0, 2, 0))
     depth, length, width, angle, area, volume = (
@@ -106,6 +111,7 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         volume,
         _radius(patch, outline, at, depth.value),
         math.inf if half is None else half.length[0] / max(half.width, 1e-12),
+        cut,
         float(patch.over[outline.inside].mean()),
         float((patch.depth * (outline.inside & ~patch.over)).max()),
     )
@@ -116,9 +122,9 @@ def _measured(
 ) -> tuple[NDArray[np.float64], Outline] | None:
     """Depth, length, width, angle, area and volume; and the outline."""
     high = float(patch.depth[at])
-    if high <= 0:
+    if not high > 0:
         return None
-    depth = _bottom(patch, part_above(patch, at, _CAP * high, region), high)
+    depth = _bottom(patch, part_above(patch, at, CAP * high, region))
     outline = find_outline(patch, at, depth, LEVEL, region)
     if outline is None or not outline.inside.any():
         return None
@@ -128,32 +134,25 @@ def _measured(
     return np.array(sizes), outline
 
 
-def _bottom(patch: Patch, cap: Mask, high: float) -> float:
-    """Depth of the vertex of a quadric through the cap; of few cells, the deepest of them."""
+def _bottom(patch: Patch, cap: Mask) -> float:
+    """Largest depth of a quadric through the cap."""
     rows, columns = np.nonzero(cap)
-    if len(rows) < _FEWEST:
-        return high
-    u, v = ((each - each.mean()) / max(float(each.std()), 1.0) for each in (columns, rows))
-    terms = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], axis=1)
-    weight = 1 / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
-    weighted = terms * weight[:, None]
-    normal = weighted.T @ terms
-    fit = np.linalg.lstsq(normal / normal[0, 0], weighted.T @ patch.depth[cap] / normal[0, 0])[0]
-    bend = np.array([[2 * fit[3], fit[4]], [fit[4], 2 * fit[5]]])
-    if fit[3] >= 0 or np.linalg.det(bend) <= 0:
-        return float((terms @ fit).max())
-    return float(fit[0] - fit[1:3] @ np.linalg.solve(bend, fit[1:3]) / 2)
+    u, v = columns - columns.mean(), rows - rows.mean()
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    weighted = terms / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
+    found = np.linalg.lstsq(weighted @ terms.T, weighted @ patch.depth[cap], rcond=None)[0]
+    return float((found @ terms).max())
 
 
 def _radius(patch: Patch, outline: Outline, at: tuple[int, int], depth: float) -> float:
-    """Radius of curvature of the parabola as wide at four fifths of the depth; NaN in a gap."""
+    """Radius of curvature of the parabola as wide at the rim of the bottom; NaN in a gap."""
     distances = outline.width * _ACROSS
     angle = outline.length[1] + math.pi / 2
     found, measured = patch.along(patch.x[at], patch.y[at], angle, distances)
     if not measured[np.abs(distances) < outline.width / 2].all():
         return math.nan
     middle = len(distances) // 2
-    low = found < _BOTTOM * depth
+    low = found < CAP * depth
     sides = np.argmax(low[middle::-1]), np.argmax(low[middle:])
     reach = sum(int(each) or middle for each in sides) * (distances[1] - distances[0])
-    return float(reach**2 / (8 * (1 - _BOTTOM) * depth))
+    return float(reach**2 / (8 * (1 - CAP) * depth))

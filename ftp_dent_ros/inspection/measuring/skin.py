@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import SmallestDent
+from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
-from ftp_dent_ros.inspection.measuring.gaps import GAP, filled
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.gaps import filled
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, WIDE, Lattice
 from ftp_dent_ros.inspection.measuring.noise import (
     SURE,
     Map,
@@ -23,23 +23,14 @@ from ftp_dent_ros.inspection.measuring.noise import (
     smoothed,
 )
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
-from ftp_dent_ros.inspection.measuring.waviness import Relief, relief_of
+from ftp_dent_ros.inspection.measuring.waviness import AROUND, Relief, relief_of
 from ftp_dent_ros.robust import deviation as spread_of
 
 # Gaussians that dents are looked for with, in smallest widths at 10 % of the depth: a fifth is a
 # half narrower than the smallest dent's own, and one is four times as wide.
 _SCALES = 0.2, 0.5, 1.0
-# Standard deviations of the rest of what may be a dent.
-_EDGE = 2.0
-# Smallest widths about a dent within which its edge runs out.
-_AROUND = 1.5
-# Of the relief: of all of the skin with weights alone, then with what they found left out.
-_PASSES = 2
 # Squares that a contour is fitted to.
 _FEWEST = 30
-# Waviness is evident where means over the smallest width stray nearly as much as single cells,
-# and matters from this part of the smallest depth on.
-_SLOW, _MATTERS = 0.6, 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +78,7 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     """The contour of a segment, its waviness, the noise about them, and what departs from them."""
     usable, known = part.mask & ~seams, part.mask & lattice.valid
     scales = tuple(settings.smallest_width * share for share in _SCALES)
-    reach = round(GAP * settings.smallest_width / max(lattice.spacing))
+    reach = round(WIDE * settings.smallest_width / max(lattice.spacing))
 
     def about(contour: Contour, relief: Relief | None, bare: Mask) -> Skin:
         """What departs from a contour and a relief, and the noise of what is bare."""
@@ -98,24 +89,22 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
         noise = measured_noise(deviation, maps, bare, lattice, scales)
         return Skin(contour, relief, noise, deviation, maps, usable, reach)
 
-    skin, bare = about(part.contour, None, usable), usable
+    bare = usable
     if part.is_met:
-        near = np.abs(skin.deviation) < part.tolerance
+        near = np.abs(part.contour.depth(lattice.points)) < part.tolerance
         bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
-    slow, fast = skin.noise.common[-1], skin.noise.common[0]
-    # Where no contour is met, what is wide is as likely the skin's own shape as a dent.
-    if not part.is_met or slow > max(_SLOW * fast, _MATTERS * settings.smallest_depth):
+    # Waves that may feign a part of the smallest dent matter. And where no contour is met, what
+    # is wide is as likely the skin's own shape as a dent.
+    if not part.is_met or SURE * skin.noise.common[-1] > LEVEL * settings.smallest_depth:
         # Crests of waves stray from the contour as dents do: weights keep them in the relief.
-        bare, deviation = usable, skin.deviation
-        for _ in range(_PASSES):
-            seen = bare & np.isfinite(deviation)
-            relief = relief_of(deviation, seen, lattice, settings.smallest_width)
-            if relief is None:
-                break
+        seen, deviation = usable & np.isfinite(skin.deviation), skin.deviation
+        relief = relief_of(deviation, seen, lattice, settings.smallest_width)
+        if relief is not None:
+            bare = seen & ~_off(about(contour, relief, usable), lattice, settings)
+            relief = relief_of(deviation, bare, lattice, settings.smallest_width)
             skin = about(contour, relief, bare)
-            bare = usable & ~_off(skin, lattice, settings)
     return skin
 
 
@@ -125,9 +114,9 @@ def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:
     lacks = 0.0 if skin.relief is None else skin.relief.lacks
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         spread, off = skin.noise.after(scale), np.nan_to_num(np.abs(smooth) - lacks)
-        strays |= off > np.maximum(_EDGE * spread, settings.smallest_depth / 50)
-        deep |= off > np.maximum(SURE * spread, settings.smallest_depth / 4)
-    wide = 2 * round(_AROUND * settings.smallest_width / max(lattice.spacing)) + 1
+        strays |= off > COVERAGE * spread
+        deep |= off > np.maximum(SURE * spread, LEAST * settings.smallest_depth)
+    wide = 2 * round(AROUND * settings.smallest_width / max(lattice.spacing)) + 1
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
     return strays & (cv2.dilate(deep.view(np.uint8), around) > 0)
 

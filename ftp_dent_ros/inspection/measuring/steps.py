@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
-from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
 from ftp_dent_ros.inspection.measuring.measurement import axis_along
 from ftp_dent_ros.inspection.measuring.noise import SURE
+from ftp_dent_ros.inspection.measuring.outline import closed
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
-from ftp_dent_ros.robust import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import deviation, median
 
-# Cells across on which a step is measured, from the first that the seam does not blur.
-_BESIDE = 5
-# Part of a panel's rim that is its seam with another one, from which on it is a plate on that one.
-_ALL_ROUND = 0.7
 _PLATE = 'all round a plate that lies on the skin, as a doubler or a patch'
 _NAN = Estimate(math.nan, math.nan)
 
@@ -27,64 +25,39 @@ Mask = NDArray[np.bool_]
 
 
 def find_steps(
-    lattice: Lattice,
-    panels: list[Segment],
-    labels: NDArray[np.int32],
-    seams: Mask,
-    settings: SmallestDent,
+    lattice: Lattice, panels: list[Segment], seams: Mask, settings: SmallestDent
 ) -> list[MeasuredDent]:
-    """Steps where two panels' contours stand apart along their seam."""
-    steps = []
-    kernel = np.ones((3, 3), np.uint8)
-    for first, one in enumerate(panels):
-        near = cv2.dilate(one.mask.astype(np.uint8), kernel) > 0
-        for other in panels[first + 1 :]:
-            at = near & other.mask
-            if at.sum() * max(lattice.spacing) < settings.smallest_width:
-                continue
-            beside, apart = _apart(lattice, one, other, at, seams)
-            if not len(apart):
-                continue
-            height = median(apart)
-            spread = NORMAL_SPREAD * median(np.abs(apart - height))
-            if height >= max(settings.smallest_depth, SURE * spread):
-                seam = _Seam(one, lattice.points[at])
-                points = lattice.points[beside]
-                along = seam.profile(0, points, apart, settings.smallest_width)
-                across = seam.profile(1, points, apart, max(lattice.spacing))
-                # One stretch's error has nothing to do with the next one's; what the edge rings
-                # by is the same all along it.
-                uncertainty = math.hypot(spread / math.sqrt(len(along)), across[:, 1].std())
-                step = _step(seam, along, Estimate(height, uncertainty), spread)
-                larger, plate = sorted((one, other), key=lambda each: -int(each.mask.sum()))
-                if _is_all_round(larger, plate):
-                    step = _around(step, lattice, larger, plate)
-                steps.append(step)
-    return steps
-
-
-def _apart(
-    lattice: Lattice, one: Segment, other: Segment, at: Mask, seams: Mask
-) -> tuple[Mask, NDArray]:
-    """The smaller panel's cells beside the seam, and how far they lie off the larger's contour.
+    """Steps where a panel beside its seam with a larger one stands apart from that one's contour.
 
     The contour of a strip is not carried over its blurred edge, for nothing holds it there.
     """
-    larger, smaller = (one, other) if one.mask.sum() >= other.mask.sum() else (other, one)
-    free = smaller.mask & ~seams
-    if not free.any():
-        return free, np.zeros(0)
-    far = cv2.distanceTransform((~at).astype(np.uint8), cv2.DIST_L2, 3)
-    beside = free & (far <= far[free].min() + _BESIDE)
-    return beside, np.abs(larger.contour.deviation(lattice.points[beside])[2])
-
-
-def _is_all_round(panel: Segment, plate: Segment) -> bool:
-    """Whether a panel is about all that lies around another one."""
+    steps = []
     kernel = np.ones((3, 3), np.uint8)
-    within = cv2.erode(plate.mask.view(np.uint8), kernel, borderValue=0) > 0
-    near = cv2.dilate(panel.mask.view(np.uint8), kernel) > 0
-    return bool(near[plate.mask & ~within].mean() > _ALL_ROUND)
+    by_size = sorted(panels, key=lambda each: -int(each.mask.sum()))
+    for larger, smaller in combinations(by_size, 2):
+        at = (cv2.dilate(larger.mask.astype(np.uint8), kernel) > 0) & smaller.mask
+        free = smaller.mask & ~seams
+        if at.sum() * max(lattice.spacing) < settings.smallest_width or not free.any():
+            continue
+        far = cv2.distanceTransform((~at).astype(np.uint8), cv2.DIST_L2, 3)
+        beside = free & (far <= far[free].min() + CELLS)
+        points = lattice.points[beside]
+        apart = np.abs(larger.contour.depth(points))
+        height = median(apart)
+        spread = deviation(apart - height)
+        if height >= max(settings.smallest_depth, SURE * spread):
+            seam = _Seam(larger, lattice.points[at])
+            along = seam.profile(0, points, apart, settings.smallest_width)
+            across = seam.profile(1, points, apart, max(lattice.spacing))
+            # One stretch's error has nothing to do with the next one's; what the edge rings
+            # by is the same all along it.
+            uncertainty = math.hypot(spread / math.sqrt(len(along)), across[:, 1].std())
+            step = _step(seam, along, Estimate(height, uncertainty), spread)
+            # All that lies around a plate is one panel.
+            if closed(larger.mask)[smaller.mask].all():
+                step = _around(step, lattice, larger, smaller)
+            steps.append(step)
+    return steps
 
 
 class _Seam:
@@ -150,9 +123,9 @@ def _step(seam: _Seam, profile: NDArray, height: Estimate, spread: float) -> Mea
 def _around(step: MeasuredDent, lattice: Lattice, panel: Segment, plate: Segment) -> MeasuredDent:
     """The step all round a plate, with the plate's place and sizes."""
     contour, cell = panel.contour, max(lattice.spacing)
-    x, y, deviation = contour.deviation(lattice.points[plate.mask])
+    x, y, depth = contour.deviation(lattice.points[plate.mask])
     # Its edge is where half of the step is.
-    x, y = (each[np.abs(deviation) > step.depth.value / 2] for each in (x, y))
+    x, y = (each[np.abs(depth) > step.depth.value / 2] for each in (x, y))
     middle, sides, degrees = cv2.minAreaRect(np.stack([x, y], axis=1).astype(np.float32))
     angle = math.radians(degrees) + (math.pi / 2 if sides[0] < sides[1] else 0.0)
     # Cells reach half a cell beyond their middles, and each edge errs by as much.

@@ -11,23 +11,22 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Waviness
-from ftp_dent_ros.inspection.measuring.contour import TUKEY
+from ftp_dent_ros.inspection.measuring.contour import TUKEY, biweight
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of
-from ftp_dent_ros.robust import NORMAL_SPREAD
+from ftp_dent_ros.robust import FITS, NORMAL_SPREAD
 
 #: The relief takes half of waves so many smallest widths long, and nearly all of longer ones.
 CUTOFF = 6.0
 # Cells of the relief's grid to the smallest width.
 _GRID = 2.0
-# Rounds to the fixed point, those between new weights, and what a step keeps of the last one.
-_ROUNDS, _WEIGHTED, _MOMENTUM = 50, 10, 0.8
+# Steps towards the fixed point between new weights.
+_TURNS = 10
 # A relief leaves less than this part of what it explains.
 _LEFT = 0.5
-# At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
-_LACKS = 2.0
-# Holes that show the fit's error: in smallest widths, and from one to the next in holes.
-_HOLE, _APART = 2.0, 3.0
+#: Smallest widths about a dent within which its edge runs out; so wide are holes that show a
+# fit's error.
+AROUND = 1.5
 
 Field = NDArray[np.float64]
 
@@ -84,14 +83,15 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
     left, before = np.abs(fit.values - smooth)[sure], np.abs(fit.values)[sure]
     if not len(left) or median_of(left) > _LEFT * median_of(before):
         return None
+    # At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
     again = fit.passed(smooth)
     again += fit.passed(smooth - again)
     fine, lacks = (
         np.asarray(cv2.resize(each, deviation.shape[::-1], interpolation=cv2.INTER_CUBIC))
-        for each in (np.float32(smooth), np.float32(_LACKS * np.abs(smooth - again)))
+        for each in (np.float32(smooth), np.float32(2 * np.abs(smooth - again)))
     )
-    amplitude = math.sqrt(2) * float(smooth[fit.weight > 0].std())
-    hole = _HOLE * smallest
+    amplitude = math.sqrt(2) * float(fine[np.isfinite(deviation)].std())
+    hole = AROUND * smallest
     return Relief(fine, lacks, amplitude, fit.error_under(hole), hole)
 
 
@@ -130,7 +130,7 @@ class _Plate:
             step * (np.arange(n) + 0.5)
             for step, n in zip(self._spacing[::-1], self.values.shape, strict=True)
         )
-        period = _APART * hole
+        period = 2 * hole
         off_x, off_y = (np.abs(each % period - period / 2) for each in (x, y))
         distance = np.hypot(off_x, off_y[:, None])
         middle = (distance < hole / 6) & (self.weight > 0.9)
@@ -141,20 +141,16 @@ class _Plate:
 
     def _fitted(self, values: Field, weight: Field) -> Field:
         """Penalised fit, with weights that leave outliers out; the fixed point is sped up."""
-        smooth = np.zeros_like(values)
-        robust, speed = weight, np.zeros_like(values)
-        for turn in range(_ROUNDS):
-            if turn % _WEIGHTED == 0 and turn:
-                left = np.abs(values - smooth)
-                spread = NORMAL_SPREAD * median_of(left[weight > 0]) + 1e-9
-                # The fit lacks no more than this of waves down to the cutoff: no outliers.
-                lacks = _LACKS * np.abs(smooth - self.passed(smooth))
-                ratio = np.minimum(np.maximum(left - lacks, 0) / (TUKEY * spread), 1)
-                robust = weight * np.square(1 - ratio * ratio)
-                speed = np.zeros_like(smooth)
-            ahead = smooth + _MOMENTUM * speed
-            step = self.passed(robust * (values - ahead) + ahead)
-            speed, smooth = step - smooth, step
+        smooth, robust = np.zeros_like(values), weight
+        for _ in range(FITS):
+            before = smooth
+            for turn in range(_TURNS):
+                # Nesterov's acceleration.
+                ahead = smooth + turn / (turn + 3) * (smooth - before)
+                before, smooth = smooth, self.passed(robust * (values - ahead) + ahead)
+            left = np.abs(values - smooth)
+            spread = NORMAL_SPREAD * median_of(left[weight > 0]) + 1e-9
+            robust = weight * biweight(left / (TUKEY * spread))
         return smooth
 
 
