@@ -23,8 +23,6 @@ from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, registe
 UNPLACED = 'survey'
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
-# Clouds before the newest, and about another, by which the doubt of these two is known.
-_NEARBY = 4
 
 
 class Joining:
@@ -51,10 +49,8 @@ class Joining:
         self.remarks: list[str] = []
         # Those that clouds to come may be laid on.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
-        # The last clouds that were laid on another pass, that slid along it, and that were looked
-        # for in other flights.
+        # The last clouds that were laid on another pass, and that were looked for in other flights.
         self._closed: int | None = None
-        self._slid: int | None = None
         self._searched: int | None = None
         # Pairs that may tie two flights, if another one says the same.
         self._maybe: dict[tuple[int, int], list[PairLink]] = {}
@@ -208,10 +204,8 @@ class Joining:
         guess = graph.pose(first).inverse() @ graph.pose(second)
         if is_far:
             guess = laid_over(*patches, guess)
-        is_known = not is_far and bool(graph.links) and graph.links[-1].second == second
-        known = doubt_by_links(graph, first, second) if is_known else None
         try:
-            relative = register(*patches, guess, doubt_by_autopilot(graph, first, second), known)
+            relative = register(*patches, guess, doubt_by_autopilot(graph, first, second))
             why = '' if patches[1].light is None else relative.remark
         except UnlikePairError as reason:
             relative, why = None, str(reason)
@@ -250,15 +244,11 @@ class Joining:
             relative = self._laid(other, number)
             if relative is None:
                 continue
-            self._closed, nodes = number, self.graph.nodes
+            self._closed = number
             # Where marks do not tell how far another pass is slid along this one, the autopilot
-            # alone does. Pairs share its error while it lasts: one stands for all, or many would
-            # be too sure. It is taken for another one when one part in twenty is left.
-            if relative.rank < 6:
-                if self._slid is not None and share_kept(nodes[self._slid], nodes[number]) > 0.05:
-                    continue
-                self._slid = number
-            self.graph.link(other, number, relative)
+            # alone does. Pairs share its error, and many would be too sure of it.
+            if relative.rank == 6:
+                self.graph.link(other, number, relative)
 
     def _around(
         self, number: int, others: list[int], last: int | None
@@ -318,30 +308,18 @@ class Joining:
         return f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
 
 
-def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
-    """Covariance of the second camera's place seen from the first, by all that joins them nearby.
+def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
+    """Covariance of the second camera's place seen from the first, by the autopilot alone.
 
-    Along the first camera's axes, about the second camera, shape (6, 6).
+    Or by how far a drone flies where that tells nothing. Along the first camera's axes, about the
+    second camera, shape (6, 6).
 
     Parameters
     ----------
     graph : PoseGraph
     first, second : int
-        Numbers of the clouds; the second is joined already.
+        Numbers of the clouds.
     """
-    links = graph.links
-    near = {first, *range(max(0, second - _NEARBY), second + 1)}
-    start = graph.first_link(max(0, second - _NEARBY))
-    near |= {link.first for link in links[start:] if abs(link.first - first) <= _NEARBY}
-    numbers = sorted(near)
-    part = graph.part(numbers)
-    at = numbers.index(first)
-    covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
-    return seen_along(covariance, graph.pose(first).rotation.as_matrix(), np.zeros(3))
-
-
-def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
-    """The same by the autopilot alone, or by how far a drone flies where it tells nothing."""
     a, b = graph.nodes[first], graph.nodes[second]
     if a.covariance is None or b.covariance is None:
         # Of a cloud's place seen from the one before: metres, radians.

@@ -62,7 +62,6 @@ def register(
     second: SkinPatch,
     guess: Pose,
     doubt: NDArray[np.float64],
-    known: NDArray[np.float64] | None = None,
 ) -> RelativePose:
     """Pose of the second cloud's camera in the first one's frame.
 
@@ -74,9 +73,6 @@ def register(
     doubt : ndarray, shape (6, 6)
         Covariance of the guess: shift of the second camera along the first one's axes, metres, and
         turn about them, radians.
-    known : ndarray, shape (6, 6), optional
-        What is doubted as well as it is known by others, which may be wrong: a place beyond it is
-        believed if what both show tells so.
 
     Raises
     ------
@@ -88,15 +84,12 @@ def register(
     centre = _centre(first, few, start)
     is_painted = first.light is not None and second.light is not None
     arm, axes = first.frame.apply(centre) - guess.translation, first.frame.rotation.as_matrix()
-    known = doubt if known is None else known
-    near = Guess(start, centre, *(seen_along(each, axes, arm) for each in (doubt, known)))
+    near = Guess(start, centre, seen_along(doubt, axes, arm))
     best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
     near = replace(near, centre=_centre(first, few, best))
     found, remark = None, _NO_PAINT
     if is_painted:
         best, found, remark = _by_paint(first, second, best, near)
-    else:
-        near = replace(near, doubt=near.known)
     centre = near.centre
     if found is None:
         found = of_heights(first, samples, best, centre)
@@ -107,9 +100,6 @@ def register(
         raise UnlikePairError(
             f'their heights differ {found.spread:.0f} times as much as they state'
         )
-    # Share of the points within three standard deviations, that both must have in common.
-    if np.mean(np.abs(found.residual[: found.heights]) < 3) < 0.5:
-        raise UnlikePairError('most of their heights differ')
     # Difference of the directions from which the centre is seen, along the patch's axes.
     cameras = first.frame.inverse(), best @ second.frame.inverse()
     here, there = (camera.translation - centre for camera in cameras)
@@ -267,27 +257,16 @@ class Guess:
         Of what both see, metres.
     doubt : ndarray, shape (6, 6)
         Covariance of the shift of the centre, and of the turn about it.
-    known : ndarray, shape (6, 6)
-        The same, by others that are rarely wrong.
     """
 
     pose: Pose
     centre: Array
     doubt: Array
-    known: Array
 
-    def away(self, pose: Pose) -> tuple[Array, float, float]:
-        """How far along the skin a pose shifts the centre, its square in sigmas of the doubt.
-
-        And how unlikely that is by all that is known: twice the logarithm of its odds.
-        """
+    def away(self, pose: Pose) -> tuple[Array, float]:
+        """How far along the skin a pose shifts the centre, and its square in sigmas."""
         shift = ((pose @ self.pose.inverse()).apply(self.centre) - self.centre)[:2]
-        far, near = (
-            float(shift @ np.linalg.solve(each[:2, :2], shift))
-            for each in (self.doubt, self.known)
-        )
-        # Of what others tell, one in ten thousand is wrong.
-        return shift, far, min(near, far - 2 * np.log(1e-4))
+        return shift, float(shift @ np.linalg.solve(self.doubt[:2, :2], shift))
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,8 +303,7 @@ class Place:
             below = first.looked_up(first.surface, place)
             sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
             misfits.append(np.abs(place[:, 2] - below[:, 0]) / sigma)
-        shift, _, unlikely = near.away(pose)
-        return cls(pose, shift, unlikely, tuple(misfits))
+        return cls(pose, *near.away(pose), tuple(misfits))
 
     def is_rival_of(self, best: Place) -> bool:
         """Whether it is not clearly worse than the best place, nor that place found twice."""
