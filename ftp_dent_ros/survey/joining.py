@@ -18,6 +18,7 @@ from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
 from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
 from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
+from ftp_dent_ros.survey.tying import REACH, agreeing
 
 #: Frame of a survey that no autopilot has placed.
 UNPLACED = 'survey'
@@ -52,7 +53,7 @@ class Joining:
         # The last clouds that were laid on another pass, and that were looked for in other flights.
         self._closed: int | None = None
         self._searched: int | None = None
-        # Pairs that may tie two flights, if another one says the same.
+        # Pairs that may tie two flights, if others say the same.
         self._maybe: dict[tuple[int, int], list[PairLink]] = {}
         self.footprints: list[Footprint] = []
 
@@ -266,7 +267,7 @@ class Joining:
     def _search(self, number: int) -> None:
         """Look for the skin of a cloud in other flights, as far off as their poses state.
 
-        What two pairs say alike ties the flights; what one says may be chance.
+        What pairs say alike ties the flights; what one says may be chance.
         """
         graph, flight = self.graph, self.graph.nodes[number].flight
         others = [each for each in self._kept if graph.nodes[each].flight != flight]
@@ -284,15 +285,15 @@ class Joining:
             relative = self._laid(other, number, is_far=True)
             if relative is None or relative.remark or relative.rank < 6:
                 continue
-            alike = self._maybe.setdefault((graph.nodes[other].flight, flight), [])
-            alike.append(PairLink(other, number, relative))
-            middle = self._middles([number])[0]
-            *places, place = (
-                (graph.pose(a) @ each.pose @ graph.pose(b).inverse()).apply(middle)
-                for a, b, each in ((link.first, link.second, link.relative) for link in alike)
-            )
-            # Metres: more than a flight errs in itself, far less than is searched.
-            if any(np.linalg.norm(each - place) < 0.01 for each in places):
+            found = self._maybe.setdefault((graph.nodes[other].flight, flight), [])
+            found.append(PairLink(other, number, relative))
+            ends = ((link.first, link.second, link.relative.pose) for link in found)
+            motions = [graph.pose(a) @ seen @ graph.pose(b).inverse() for a, b, seen in ends]
+            pieces = np.array([link.second for link in found])
+            # Of the disc that is searched, one proposes a place in another's neighbourhood.
+            chance = (REACH / reach) ** 2
+            same = agreeing(motions, self._middles(pieces), pieces[:, None], chance)
+            if len(found) - 1 in same:
                 graph.link(other, number, relative)
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:

@@ -179,11 +179,9 @@ def _by_paint(
     # By how much a place may move along the skin as patches are laid on each other there: the
     # cells that it was found by, metres.
     held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
-    slidden = [_slid(first, few, each, near.centre, held) for each in places]
-    rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
-    left = not_worse(rough, _MOST)
+    slidden = (_slid(first, few, each, near.centre, held) for each in places)
     # Another one that is as good as the best is enough to give up.
-    left = not_worse((_judged(first, samples, each, near, held) for each in left), 2)
+    left = not_worse((_judged(first, samples, each, near, held) for each in slidden), 2)
     if len(left) != 1:
         return by_shape, None, _AMBIGUOUS if left else _NOWHERE
     pose = _solved(first, few, left[0].pose, near.centre, loose)
@@ -195,15 +193,14 @@ def _by_paint(
 
 
 def _judged(
-    first: SkinPatch, samples: Samples, place: Place, near: Guess, held: NDArray[np.float64]
+    first: SkinPatch, samples: Samples, pose: Pose, near: Guess, held: NDArray[np.float64]
 ) -> Place:
     """A place with the patches laid on each other there, by all samples."""
     try:
-        pose = _solved(first, samples.few, place.pose, near.centre, held)
+        return Place.at(first, samples, _solved(first, samples.few, pose, near.centre, held), near)
     except UnlikePairError:
         # Where they do not overlap, the guess alone tells how likely they lie.
-        return replace(place, misfits=())
-    return Place.at(first, samples, pose, near)
+        return Place(pose, *near.away(pose), ())
 
 
 def _solved(
@@ -292,18 +289,15 @@ class Place:
     misfits: tuple[Array, ...]
 
     @classmethod
-    def at(
-        cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
-    ) -> Place:
-        """Look up what lies below the samples; roughly: by the coarse paint alone."""
-        below, values, met = paints(first, samples, pose, rough)
-        misfits = [np.where(met, np.abs(below[:, 0] - values[:, 0]), np.nan)]
-        if not rough:
-            place = pose.apply(samples.heights)
-            below = first.looked_up(first.surface, place)
-            sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
-            misfits.append(np.abs(place[:, 2] - below[:, 0]) / sigma)
-        return cls(pose, *near.away(pose), tuple(misfits))
+    def at(cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess) -> Place:
+        """Look up what lies below the samples."""
+        below, values, met = paints(first, samples, pose, coarse=False)
+        paint = np.where(met, np.abs(below[:, 0] - values[:, 0]), np.nan)
+        place = pose.apply(samples.heights)
+        below = first.looked_up(first.surface, place)
+        sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
+        height = np.abs(place[:, 2] - below[:, 0]) / sigma
+        return cls(pose, *near.away(pose), (paint, height))
 
     def is_rival_of(self, best: Place) -> bool:
         """Whether it is not clearly worse than the best place, nor that place found twice."""
