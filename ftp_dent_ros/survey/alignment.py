@@ -10,6 +10,7 @@ show remains.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -62,7 +63,7 @@ class PairEquations:
     heights: int
     spread: float
 
-    @property
+    @cached_property
     def both(self) -> Array:
         """Change by the mean of both patches' slopes, shape (n, 6)."""
         return (self.own + self.other) / 2
@@ -105,26 +106,17 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
     return _linearised(off / spread, slopes, place - centre, place, spread, len(off))
 
 
-def paints(
-    first: SkinPatch, second: Samples, pose: Pose, coarse: bool
-) -> tuple[Grid, Grid, NDArray[np.bool_]]:
-    """Paint below samples, their own, both of shape (n, 4), and where both are known, (n,)."""
-    layer, values = (
-        (first.paints[1], second.coarse_values)
-        if coarse
-        else (first.paints[0], second.paint_values)
-    )
-    below = first.looked_up(layer, pose.apply(second.paint))
-    return below, values, (below[:, 3] > 0.99) & (values[:, 3] > 0)
+def painted(first: SkinPatch, second: Samples, pose: Pose) -> tuple[Grid, NDArray[np.bool_]]:
+    """Paint below samples, shape (n, 4), and where both are known, (n,)."""
+    below = first.looked_up(first.paints[0], pose.apply(second.paint))
+    return below, (below[:, 3] > 0.99) & (second.paint_values[:, 3] > 0)
 
 
-def of_paint(
-    first: SkinPatch, second: Samples, pose: Pose, centre: Array, coarse: bool = False
-) -> PairEquations:
-    """Equations of the paint alone, or of the coarse paint."""
-    here, there, met = paints(first, second, pose, coarse)
+def of_paint(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
+    """Equations of the paint alone."""
+    here, met = painted(first, second, pose)
     place = pose.apply(second.paint)[met]
-    ours, theirs = here[met].astype(float), there[met].astype(float)
+    ours, theirs = here[met].astype(float), second.paint_values[met].astype(float)
     off = ours[:, 0] - theirs[:, 0]
     # No two paints fit each other better.
     spread = max(deviation(off) if len(off) else 1.0, 1e-3)

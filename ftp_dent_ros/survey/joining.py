@@ -50,7 +50,7 @@ class Joining:
         self.remarks: list[str] = []
         # Those that clouds to come may be laid on.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
-        # The last clouds that were laid on another pass, and that were looked for in other flights.
+        # The last clouds that were laid on another pass, and looked for in other flights.
         self._closed: int | None = None
         self._searched: int | None = None
         # Pairs that may tie two flights, if others say the same.
@@ -292,7 +292,7 @@ class Joining:
             pieces = np.array([link.second for link in found])
             # Of the disc that is searched, one proposes a place in another's neighbourhood.
             chance = (REACH / reach) ** 2
-            same = agreeing(motions, self._middles(pieces), pieces[:, None], chance)
+            same = agreeing(motions, self._middles(pieces.tolist()), pieces[:, None], chance)
             if len(found) - 1 in same:
                 graph.link(other, number, relative)
 

@@ -8,7 +8,7 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,8 +26,7 @@ from ftp_dent_ros.survey.alignment import (
     UnlikePairError,
     equations,
     of_heights,
-    of_paint,
-    paints,
+    painted,
 )
 from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
@@ -43,7 +42,6 @@ _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
 _CLEARLY = 4.5
 
 Array = NDArray[np.float64]
-Linearised = Callable[[SkinPatch, Samples, Pose, Array], PairEquations]
 
 # Of the cells that are correlated, metres: marks are a few millimetres wide.
 _CELL = 0.003
@@ -82,17 +80,14 @@ def register(
     samples, few = second.samples, second.samples.few
     start = first.frame.inverse() @ guess @ second.frame
     centre = _centre(first, few, start)
-    is_painted = first.light is not None and second.light is not None
     arm, axes = first.frame.apply(centre) - guess.translation, first.frame.rotation.as_matrix()
     near = Guess(start, centre, seen_along(doubt, axes, arm))
     best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
     near = replace(near, centre=_centre(first, few, best))
-    found, remark = None, _NO_PAINT
-    if is_painted:
+    found, remark, centre = None, _NO_PAINT, near.centre
+    if first.light is not None and second.light is not None:
         best, found, remark = _by_paint(first, second, best, near)
-    centre = near.centre
-    if found is None:
-        found = of_heights(first, samples, best, centre)
+    found = found or of_heights(first, samples, best, centre)
     if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
         raise UnlikePairError(APART)
     # Heights' misfit by what the clouds state, above which they do not show one surface.
@@ -179,12 +174,13 @@ def _by_paint(
     # By how much a place may move along the skin as patches are laid on each other there: the
     # cells that it was found by, metres.
     held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
-    slidden = (_slid(first, few, each, near.centre, held) for each in places)
-    # Another one that is as good as the best is enough to give up.
-    left = not_worse((_judged(first, samples, each, near, held) for each in slidden), 2)
+    by_few = partial(equations, first, few, centre=near.centre)
+    left = _best_of(
+        Place.at(first, samples, _solved(by_few, each, near.centre, held), near) for each in places
+    )
     if len(left) != 1:
         return by_shape, None, _AMBIGUOUS if left else _NOWHERE
-    pose = _solved(first, few, left[0].pose, near.centre, loose)
+    pose = _solved(by_few, left[0].pose, near.centre, loose)
     found = equations(first, samples, pose, near.centre)
     painted = len(found.residual) - found.heights
     if painted < _LEAST_POINTS or near.away(pose)[1] > _WITHIN**2:
@@ -192,47 +188,30 @@ def _by_paint(
     return pose, found, ''
 
 
-def _judged(
-    first: SkinPatch, samples: Samples, pose: Pose, near: Guess, held: NDArray[np.float64]
-) -> Place:
-    """A place with the patches laid on each other there, by all samples."""
-    try:
-        return Place.at(first, samples, _solved(first, samples.few, pose, near.centre, held), near)
-    except UnlikePairError:
-        # Where they do not overlap, the guess alone tells how likely they lie.
-        return Place(pose, *near.away(pose), ())
+def _laid(first: SkinPatch, few: Samples, pose: Pose, centre: Array, prior: NDArray) -> Pose:
+    """Pose by the shape alone: nearly, as it slides."""
+    return _solved(partial(of_heights, first, few, centre=centre), pose, centre, prior, steps=2)
 
 
 def _solved(
-    first: SkinPatch,
-    samples: Samples,
+    linearised: Callable[..., PairEquations],
     pose: Pose,
-    centre: NDArray[np.float64],
-    prior: NDArray[np.float64],
-    linearised: Linearised = equations,
-    free: Sequence[int] = range(6),
+    centre: Array,
+    prior: NDArray,
     steps: int = 8,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
-    off, free_both = np.zeros(6), np.ix_(free, free)
+    off = np.zeros(6)
     for _ in range(steps):
-        found = linearised(first, samples, pose, centre)
-        changes = found.both
-        weighted = changes.T * found.weight
-        gradient, step = weighted @ found.residual + prior @ off, np.zeros(6)
-        step[free] = -np.linalg.solve((weighted @ changes + prior)[free_both], gradient[free])
+        found = linearised(pose=pose)
+        weighted = found.both.T * found.weight
+        gradient = weighted @ found.residual + prior @ off
+        step = -np.linalg.solve(weighted @ found.both + prior, gradient)
         pose, off = moved(pose, step, centre), off + step
         # Metres and radians; the last step is by all points, and comes with its information.
-        if np.abs(step).max() < 5e-5:
+        if np.abs(step).max() < 2e-5:
             break
     return pose
-
-
-# Pose by the shape alone; and by the coarse paint, as a patch slides and turns on the skin.
-_laid: Callable[..., Pose] = partial(_solved, linearised=of_heights, steps=2)
-_slid: Callable[..., Pose] = partial(
-    _solved, linearised=partial(of_paint, coarse=True), free=[0, 1, 5], steps=1
-)
 
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
@@ -291,8 +270,8 @@ class Place:
     @classmethod
     def at(cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess) -> Place:
         """Look up what lies below the samples."""
-        below, values, met = paints(first, samples, pose, coarse=False)
-        paint = np.where(met, np.abs(below[:, 0] - values[:, 0]), np.nan)
+        below, met = painted(first, samples, pose)
+        paint = np.where(met, np.abs(below[:, 0] - samples.paint_values[:, 0]), np.nan)
         place = pose.apply(samples.heights)
         below = first.looked_up(first.surface, place)
         sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
@@ -323,15 +302,15 @@ class Place:
         return float(evidence)
 
 
-def not_worse(places: Iterable[Place], most: int) -> list[Place]:
-    """Of some places the best, then those that are not clearly worse: `most` of them at most."""
+def _best_of(places: Iterable[Place]) -> list[Place]:
+    """The best place, and another one if it is not clearly worse, which is enough to give up."""
     left: list[Place] = []
     for place in places:
         if not left or place.evidence_against(left[0]) < 0:
             left = [place, *(each for each in left if each.is_rival_of(place))]
         elif place.is_rival_of(left[0]):
             left.append(place)
-        if len(left) >= most:
+        if len(left) > 1:
             break
     return left
 
@@ -389,7 +368,7 @@ def _peaks(
     every = max(1, round(_CELL / first.pitch))
     size = every * first.pitch
     steps = np.ceil(reach / size).astype(int)
-    still, still_known = np.moveaxis(first.paints[1][::every, ::every, [0, 3]], -1, 0)
+    still, still_known = np.moveaxis(first.paints[1][::every, ::every], -1, 0)
     shape = np.array(still.shape) + 2 * steps[::-1]
     # On the first one's grid, that begins so many steps before it. Both are taken for flat: what
     # their heights shift by their difference in tilt is less than a cell.
@@ -399,7 +378,7 @@ def _peaks(
     u, v = np.moveaxis(at.astype(np.float32), -1, 0)
     # What lies beyond is not known; a cell beside it is not, either.
     paint = second.paints[1]
-    known = (remap(paint[..., 3], u, v) > 0.99).astype(np.float32)
+    known = (remap(paint[..., 1], u, v) > 0.99).astype(np.float32)
     seen = np.nan_to_num(remap(paint[..., 0], u, v)) * known
     # The second image begins so many steps earlier.
     count, both, ours, theirs = (
