@@ -24,6 +24,8 @@ from ftp_dent_ros.survey.tying import REACH, agreeing
 UNPLACED = 'survey'
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
+# Clouds on, from where on one is of another pass.
+_PASS = 8
 
 
 class Joining:
@@ -50,9 +52,8 @@ class Joining:
         self.remarks: list[str] = []
         # Those that clouds to come may be laid on.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
-        # The last clouds that were laid on another pass, and looked for in other flights.
+        # The last cloud that was laid on another pass.
         self._closed: int | None = None
-        self._searched: int | None = None
         # Pairs that may tie two flights, if others say the same.
         self._maybe: dict[tuple[int, int], list[PairLink]] = {}
         self.footprints: list[Footprint] = []
@@ -90,8 +91,9 @@ class Joining:
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
-        if pose is not None:
-            self._lay_before(guess)
+        if number and pose is not None and not any(node.is_placed for node in self.graph.nodes):
+            # Those before lie where this one does.
+            self.graph.carry(guess @ self.graph.pose(-1).inverse())
         stated = (guess, None) if pose is None else (pose, covariance)
         self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
@@ -178,14 +180,6 @@ class Joining:
         is_told = last.covariance is not None and last.flight == flight
         return there @ last.stated.inverse() @ stated if is_told else stated
 
-    def _lay_before(self, pose: Pose) -> None:
-        """Guess that the last clouds, if nothing has placed them, lie where the next one does."""
-        graph, placed = self.graph, [n.covariance is not None for n in self.graph.nodes]
-        start = len(placed) - placed[::-1].index(True) if True in placed else 0
-        links = graph.links[graph.first_link(start) :]
-        if start < len(placed) and all(link.first >= start for link in links):
-            graph.carry(start, pose @ graph.pose(-1).inverse())
-
     def _follow(self, number: int) -> None:
         """Lay a cloud on those before it in its flight."""
         nodes = self.graph.nodes
@@ -232,12 +226,17 @@ class Joining:
     def _close(self, number: int) -> None:
         """Lay a cloud on other passes that show the same skin, on the nearest cloud of each."""
         others = [each for each in self._kept if self._are_passes(each, number)]
-        others, far = self._around(number, others, self._closed)
+        last = number if self._closed is None else self._closed
+        *places, before, here = self._middles([*others, last, number])
+        size = self.footprints[number].size
+        # Pairs on the same skin err alike, and tell alike: this part of a patch from the last that
+        # was laid, one tells hardly more.
+        if 0 < abs(number - last) < _PASS and np.linalg.norm(before - here) < 0.5 * size:
+            return
+        far = np.linalg.norm(np.reshape(places, (-1, 3)) - here, axis=1)
         # No farther apart than this part of both patches' sizes.
-        sizes = self.footprints[number].size + np.array(
-            [self.footprints[each].size for each in others]
-        )
-        near, chosen = np.flatnonzero(far < 0.6 * sizes), list[int]()
+        reach = 0.6 * (size + np.array([self.footprints[each].size for each in others]))
+        near, chosen = np.flatnonzero(far < reach), list[int]()
         for index in near[np.argsort(far[near], kind='stable')]:
             if all(self._are_passes(others[index], each) for each in chosen):
                 chosen.append(others[index])
@@ -251,19 +250,6 @@ class Joining:
             if relative.rank == 6:
                 self.graph.link(other, number, relative)
 
-    def _around(
-        self, number: int, others: list[int], last: int | None
-    ) -> tuple[list[int], NDArray[np.float64]]:
-        """Other clouds, and how far from each a cloud is; none near the last that was laid."""
-        places = self._middles([*others, number if last is None else last, number])
-        far = np.linalg.norm(places[:-1] - places[-1], axis=1)
-        # Pairs on the same skin err alike, and tell alike: this part of a patch from the last, one
-        # tells hardly more.
-        near = 0.5 * self.footprints[number].size
-        if last is not None and far[-1] < near and not self._are_passes(last, number):
-            return [], far[:0]
-        return others, far[:-1]
-
     def _search(self, number: int) -> None:
         """Look for the skin of a cloud in other flights, as far off as their poses state.
 
@@ -271,10 +257,10 @@ class Joining:
         """
         graph, flight = self.graph, self.graph.nodes[number].flight
         others = [each for each in self._kept if graph.nodes[each].flight != flight]
-        others, far = self._around(number, others, self._searched)
         if not others:
             return
-        self._searched, groups = number, graph.groups()
+        *places, here = self._middles([*others, number])
+        groups, far = graph.groups(), np.linalg.norm(places - here, axis=1)
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
         reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self.footprints[number].size
@@ -302,7 +288,7 @@ class Joining:
 
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes
-        return abs(one - other) >= 8 or nodes[one].flight != nodes[other].flight
+        return abs(one - other) >= _PASS or nodes[one].flight != nodes[other].flight
 
     def _about(self, first: int, second: int, what: str) -> str:
         a, b = (self.graph.nodes[number].seconds for number in (first, second))

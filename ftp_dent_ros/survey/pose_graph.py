@@ -56,6 +56,11 @@ class Node:
     seconds: float
     flight: int
 
+    @property
+    def is_placed(self) -> bool:
+        """Whether the autopilot says something."""
+        return self.covariance is not None
+
 
 @dataclass(frozen=True, eq=False)
 class PairLink:
@@ -178,9 +183,9 @@ class PoseGraph:
         """Of a cloud's camera, as it is found."""
         return Pose(Rotation.from_matrix(self._turns[number]), self._places[number].copy())
 
-    def carry(self, start: int, move: Pose) -> None:
-        """Move the poses from a number on, that are guesses alone."""
-        for number in range(start, len(self.nodes)):
+    def carry(self, move: Pose) -> None:
+        """Move all poses, that are guesses alone."""
+        for number in range(len(self.nodes)):
             pose = move @ self.pose(number)
             self.nodes[number] = replace(self.nodes[number], stated=pose)
             self._put(number, pose)

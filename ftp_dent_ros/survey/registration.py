@@ -51,8 +51,6 @@ _WITHIN = 4.0
 _TURN = 0.008
 # A peak's correlation, and that by the highest one's, from which on it may be the place.
 _RIVAL = 0.6
-# Places that are alike at first sight: more cannot all be judged.
-_MOST = 32
 
 
 def register(
@@ -90,11 +88,6 @@ def register(
     found = found or of_heights(first, samples, best, centre)
     if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
         raise UnlikePairError(APART)
-    # Heights' misfit by what the clouds state, above which they do not show one surface.
-    if found.spread > 25.0:
-        raise UnlikePairError(
-            f'their heights differ {found.spread:.0f} times as much as they state'
-        )
     # Difference of the directions from which the centre is seen, along the patch's axes.
     cameras = first.frame.inverse(), best @ second.frame.inverse()
     here, there = (camera.translation - centre for camera in cameras)
@@ -167,8 +160,6 @@ def _by_paint(
     samples, few = second.samples, second.samples.few
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     places = candidates(first, second, by_shape, near)
-    if len(places) > _MOST:
-        return by_shape, None, _AMBIGUOUS
     # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
     # on it by far more than a guess is unsure of at its own place.
     # By how much a place may move along the skin as patches are laid on each other there: the
@@ -344,7 +335,7 @@ def candidates(
         found.sort(key=lambda each: -each[0])
     kept: list[NDArray[np.float64]] = []
     for height, step in found:
-        if height < _RIVAL * found[0][0] or len(kept) > _MOST:
+        if height < _RIVAL * found[0][0]:
             break
         if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
             kept.append(step)
