@@ -353,10 +353,8 @@ def _facts(comparison: Comparison) -> list[tuple[str, str]]:
         ('Later sees larger', f'{scales}; taken out of every growth'),
     ]
     if frame is not None:
-        worst = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
-        facts.append(
-            ('Aircraft frame', f'by {len(frame.residuals)} points, within {worst:.1f} mm of it')
-        )
+        points = f'by {len(frame.residuals)} points, within {frame.worst * 1e3:.1f} mm of it'
+        facts.append(('Aircraft frame', points))
     return [*facts, ('Software', f'ftp_dent_ros {__version__}')]
 
 

@@ -248,9 +248,9 @@ class Place:
         Of the middle of what both see, along the skin, from the guess, metres.
     unlikely : float
         As of `Guess.away`.
-    misfits : tuple of ndarrays, shape (n,)
+    misfits : (ndarray, ndarray), each of shape (n,)
         How far the samples' paints, and their heights, differ from what is below them; NaN where
-        nothing is. Empty where the patches do not overlap: then the guess alone decides.
+        nothing is.
     """
 
     pose: Pose
@@ -281,7 +281,7 @@ class Place:
         are counted by their own size: as a sum of so many standard deviations.
         """
         evidence = self.unlikely - other.unlikely
-        for mine, others in zip(self.misfits, other.misfits, strict=False):
+        for mine, others in zip(self.misfits, other.misfits, strict=True):
             gain = mine - others
             gain = gain[np.isfinite(gain)]
             square = np.square(gain).sum()
@@ -311,7 +311,7 @@ def candidates(
     second: SkinPatch,
     guess: Pose,
     near: Guess,
-) -> list[Pose]:
+) -> Iterator[Pose]:
     """Poses of the second patch in the first at which their paints look alike, the best first.
 
     Parameters
@@ -339,7 +339,7 @@ def candidates(
             break
         if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
             kept.append(step)
-    return [moved(guess, step, centre) for step in kept]
+            yield moved(guess, step, centre)
 
 
 def _turns(first: SkinPatch, few: Samples, guess: Pose, near: Guess) -> Iterator[float]:
