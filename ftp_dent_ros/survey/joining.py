@@ -91,7 +91,7 @@ class Joining:
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
-        if number and pose is not None and not any(node.is_placed for node in self.graph.nodes):
+        if number and pose is not None and not self.graph.placed:
             # Those before lie where this one does.
             self.graph.carry(guess @ self.graph.pose(-1).inverse())
         stated = (guess, None) if pose is None else (pose, covariance)
@@ -120,11 +120,8 @@ class Joining:
 
         Clouds are tied by what they share; and those of a flight that have poses, by these.
         """
-        graph = self.graph
-        placed = [k for k, node in enumerate(graph.nodes) if node.covariance is not None]
-        found = graph.groups(
-            [(a, b) for a, b in pairwise(placed) if graph.nodes[a].flight == graph.nodes[b].flight]
-        )
+        flights = self.graph.placed.values()
+        found = self.graph.groups([pair for placed in flights for pair in pairwise(placed)])
         return [
             self._part(np.flatnonzero(found == part).tolist())
             for part in np.argsort(-np.bincount(found), kind='stable')
@@ -136,7 +133,7 @@ class Joining:
         part.graph = self.graph.part(numbers)
         part.numbers = {stamps[number]: index for index, number in enumerate(numbers)}
         part.footprints = [self.footprints[number] for number in numbers]
-        if any(node.covariance is not None for node in part.graph.nodes):
+        if part.graph.placed:
             part.frame_id = self.frame_id
         part.remarks = list(self.remarks)
         return part
@@ -284,7 +281,7 @@ class Joining:
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""
-        return self.graph.placed(numbers, [self.footprints[each].middle for each in numbers])
+        return self.graph.in_map(numbers, [self.footprints[each].middle for each in numbers])
 
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes
