@@ -221,8 +221,10 @@ class Joining:
         self._kept[old] = partial(unfolded, folded(self._kept[old]()))
 
     def _close(self, number: int) -> None:
-        """Lay a cloud on other passes that show the same skin, on the nearest cloud of each."""
+        """Lay a cloud on the nearest one of another pass that shows the same skin."""
         others = [each for each in self._kept if self._are_passes(each, number)]
+        if not others:
+            return
         last = number if self._closed is None else self._closed
         *places, before, here = self._middles([*others, last, number])
         size = self.footprints[number].size
@@ -230,22 +232,19 @@ class Joining:
         # was laid, one tells hardly more.
         if 0 < abs(number - last) < _PASS and np.linalg.norm(before - here) < 0.5 * size:
             return
-        far = np.linalg.norm(np.reshape(places, (-1, 3)) - here, axis=1)
+        far = np.linalg.norm(places - here, axis=1)
+        nearest = others[int(far.argmin())]
         # No farther apart than this part of both patches' sizes.
-        reach = 0.6 * (size + np.array([self.footprints[each].size for each in others]))
-        near, chosen = np.flatnonzero(far < reach), list[int]()
-        for index in near[np.argsort(far[near], kind='stable')]:
-            if all(self._are_passes(others[index], each) for each in chosen):
-                chosen.append(others[index])
-        for other in chosen[:2]:
-            relative = self._laid(other, number)
-            if relative is None:
-                continue
-            self._closed = number
-            # Where marks do not tell how far another pass is slid along this one, the autopilot
-            # alone does. Pairs share its error, and many would be too sure of it.
-            if relative.rank == 6:
-                self.graph.link(other, number, relative)
+        if far.min() > 0.6 * (size + self.footprints[nearest].size):
+            return
+        relative = self._laid(nearest, number)
+        if relative is None:
+            return
+        self._closed = number
+        # Where marks do not tell how far another pass is slid along this one, the autopilot alone
+        # does. Pairs share its error, and many would be too sure of it.
+        if relative.rank == 6:
+            self.graph.link(nearest, number, relative)
 
     def _search(self, number: int) -> None:
         """Look for the skin of a cloud in other flights, as far off as their poses state.
