@@ -24,8 +24,6 @@ from ftp_dent_ros.survey.tying import REACH, agreeing
 UNPLACED = 'survey'
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
-# Clouds on, from where on one is of another pass.
-_PASS = 8
 
 
 class Joining:
@@ -230,7 +228,8 @@ class Joining:
         size = self.footprints[number].size
         # Pairs on the same skin err alike, and tell alike: this part of a patch from the last that
         # was laid, one tells hardly more.
-        if 0 < abs(number - last) < _PASS and np.linalg.norm(before - here) < 0.5 * size:
+        is_near = np.linalg.norm(before - here) < 0.5 * size
+        if last != number and is_near and not self._are_passes(last, number):
             return
         far = np.linalg.norm(places - here, axis=1)
         nearest = others[int(far.argmin())]
@@ -272,7 +271,7 @@ class Joining:
             ends = ((link.first, link.second, link.relative.pose) for link in found)
             motions = [graph.pose(a) @ seen @ graph.pose(b).inverse() for a, b, seen in ends]
             pieces = np.array([link.second for link in found])
-            # Of the disc that is searched, one proposes a place in another's neighbourhood.
+            # What is wrong lies anywhere on the disc that is searched.
             chance = (REACH / reach) ** 2
             same = agreeing(motions, self._middles(pieces.tolist()), pieces[:, None], chance)
             if len(found) - 1 in same:
@@ -284,7 +283,7 @@ class Joining:
 
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes
-        return abs(one - other) >= _PASS or nodes[one].flight != nodes[other].flight
+        return abs(one - other) >= 8 or nodes[one].flight != nodes[other].flight
 
     def _about(self, first: int, second: int, what: str) -> str:
         a, b = (self.graph.nodes[number].seconds for number in (first, second))
