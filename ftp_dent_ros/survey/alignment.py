@@ -25,8 +25,6 @@ from ftp_dent_ros.survey.raster import Grid
 Array = NDArray[np.float64]
 
 
-# Points of a patch that have to lie on another.
-LEAST_FEW = 50
 APART = 'they do not overlap'
 
 
@@ -88,7 +86,8 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
     place = pose.apply(second.heights)
     here = first.looked_up(first.surface, place)
     met = np.isfinite(here[:, 0])
-    if met.sum() < LEAST_FEW:
+    # Of a pose's six unknowns, each by several.
+    if met.sum() < 50:
         raise UnlikePairError(APART)
     place, here, there = place[met], here[met].astype(float), second.height_values[met]
     own, other = (np.column_stack([-each[:, 1:3], np.ones(len(each))]) for each in (here, there))

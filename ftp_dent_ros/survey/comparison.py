@@ -338,7 +338,6 @@ def headline(dents: Sequence[ComparedDent]) -> str:
 
 def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     matching, frame = comparison.matching, comparison.frame
-    walk = math.sqrt(matching.deformation.walk) * 1e3
     scales = ', '.join(
         f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
         for quantity, each in comparison.scales.items()
@@ -349,7 +348,6 @@ def _facts(comparison: Comparison) -> list[tuple[str, str]]:
             for word, each in (('Earlier', comparison.earlier), ('Later', comparison.later))
         ),
         ('In both', f'{len(matching.pairs)} dents, by which the surveys lie on each other'),
-        ('Maps apart', f'{walk:.2g} mm over a metre, root mean square along an axis'),
         ('Later sees larger', f'{scales}; taken out of every growth'),
     ]
     if frame is not None:
@@ -390,7 +388,8 @@ def _cells(row: ComparedDent, comparison: Comparison) -> dict[str, Any]:
 def _map(comparison: Comparison) -> dict[str, Any] | None:
     """Where the dents lie on the unrolled skin, as seen from outside."""
     rows = comparison.dents
-    if len(rows) < 2:
+    # Fewer tell no skin.
+    if len(rows) < 3:
         return None
     both = np.array([comparison.placed(row)[:2] for row in rows])
     places, normals = both[:, 0], both[:, 1]

@@ -21,7 +21,6 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import moved, moved_along, seen_along, twist_between
 from ftp_dent_ros.survey.alignment import (
     APART,
-    LEAST_FEW,
     PairEquations,
     UnlikePairError,
     equations,
@@ -32,8 +31,8 @@ from ftp_dent_ros.survey.information import RelativePose, in_common, pair_inform
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import remap
 
-# Share of the second cloud that has to lie on the first, and points.
-LEAST_OVERLAP, _LEAST_POINTS = 0.15, 200
+# Share of the second cloud that has to lie on the first, and points of its paint.
+_LEAST_OVERLAP, _LEAST_PAINT = 0.15, 200
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
@@ -86,7 +85,7 @@ def register(
     if first.light is not None and second.light is not None:
         best, found, remark = _by_paint(first, second, best, near)
     found = found or of_heights(first, samples, best, centre)
-    if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
+    if found.heights < _LEAST_OVERLAP * len(samples.heights):
         raise UnlikePairError(APART)
     # Difference of the directions from which the centre is seen, along the patch's axes.
     cameras = first.frame.inverse(), best @ second.frame.inverse()
@@ -174,7 +173,7 @@ def _by_paint(
     pose = _solved(by_few, left[0].pose, near.centre, loose)
     found = equations(first, samples, pose, near.centre)
     painted = len(found.residual) - found.heights
-    if painted < _LEAST_POINTS or near.away(pose)[1] > _WITHIN**2:
+    if painted < _LEAST_PAINT or near.away(pose)[1] > _WITHIN**2:
         return by_shape, None, _NOWHERE
     return pose, found, ''
 
@@ -208,7 +207,7 @@ def _solved(
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
     met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
-    if met.sum() < max(LEAST_FEW, LEAST_OVERLAP * len(place)):
+    if met.sum() <= _LEAST_OVERLAP * len(place):
         raise UnlikePairError(APART)
     return place[met].mean(axis=0)
 
@@ -382,8 +381,7 @@ def _peaks(
         )
     )
     value = both / np.sqrt(np.maximum(ours * theirs, 1e-12))
-    # Of the smaller image, that has to overlap.
-    least = max(0.1 * min(still_known.sum(), known.sum()), 1)
+    least = max(_LEAST_OVERLAP * min(still_known.sum(), known.sum()), 1)
     # Of two that are as alike, the one with more in common.
     value *= (count > least) * np.sqrt(np.clip(count / max(count.max(), 1.0), 0, 1))
     highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
