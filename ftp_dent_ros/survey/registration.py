@@ -138,14 +138,12 @@ def _slid_information(
     held = free @ free.T / both / 1e-5**2
     covariance = np.diag(1 / values[6 - rank :])
     for step in (free @ ways * np.sqrt(variances)).T:
-        for sign in (1, -1):
-            try:
-                beside = moved_along(pose, sign * (step * scale), centre)
-                other = _laid(first, samples, beside, centre, held)
-            except UnlikePairError:
-                continue
-            change = sure.T @ (twist_between(pose, other, centre) / scale)
-            covariance += np.outer(change, change) / 2
+        try:
+            other = _laid(first, samples, moved_along(pose, step * scale, centre), centre, held)
+        except UnlikePairError:
+            continue
+        change = sure.T @ (twist_between(pose, other, centre) / scale)
+        covariance += np.outer(change, change)
     return sure @ np.linalg.inv(covariance) @ sure.T / both
 
 
