@@ -49,6 +49,8 @@ class PairEquations:
         On the first patch, metres.
     heights : int
         How many of them are heights, which are the first; the others are paint.
+    spread : float
+        Standard deviation of heights by what the clouds state, and of paint alone its own.
     """
 
     residual: Array
@@ -57,6 +59,7 @@ class PairEquations:
     weight: Array
     place: Array
     heights: int
+    spread: float
 
     @cached_property
     def both(self) -> Array:
@@ -99,7 +102,7 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, deviation(off))
     slopes = [each / (sigma * spread)[:, None] for each in (own, other)]
-    return _linearised(off / spread, slopes, place - centre, place, len(off))
+    return _linearised(off / spread, slopes, place - centre, place, len(off), spread)
 
 
 def painted(first: SkinPatch, second: Samples, pose: Pose) -> tuple[Grid, NDArray[np.bool_]]:
@@ -118,13 +121,13 @@ def of_paint(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> Pa
     spread = max(deviation(off) if len(off) else 1.0, 1e-3)
     theirs = theirs[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
     slopes = [each / spread for each in (ours[:, 1:3] @ np.eye(2, 3), theirs)]
-    return _linearised(off / spread, slopes, place - centre, place, 0)
+    return _linearised(off / spread, slopes, place - centre, place, 0, spread)
 
 
 def _linearised(
-    residual: Array, slopes: list[Array], arm: Array, place: Array, heights: int
+    residual: Array, slopes: list[Array], arm: Array, place: Array, heights: int, spread: float
 ) -> PairEquations:
     """Residuals that change by slopes as what lies at the end of arms shifts and turns."""
     own, other = (np.hstack([each, cross(arm, each)]) for each in slopes)
     weight = cauchy(residual, 2.385)
-    return PairEquations(residual, own, other, weight, place, heights)
+    return PairEquations(residual, own, other, weight, place, heights, spread)

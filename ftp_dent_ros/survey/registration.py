@@ -87,6 +87,11 @@ def register(
     found = found or of_heights(first, samples, best, centre)
     if found.heights < _LEAST_OVERLAP * len(samples.heights):
         raise UnlikePairError(APART)
+    # Heights' misfit by what the clouds state, above which they do not show one surface.
+    if found.spread > 25.0:
+        raise UnlikePairError(
+            f'their heights differ {found.spread:.0f} times as much as they state'
+        )
     # Difference of the directions from which the centre is seen, along the patch's axes.
     cameras = first.frame.inverse(), best @ second.frame.inverse()
     here, there = (camera.translation - centre for camera in cameras)
