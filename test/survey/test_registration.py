@@ -143,6 +143,15 @@ def test_what_does_not_repeat_itself_or_a_good_guess_decides_between_pitches():
     assert not found.remark and np.abs(error_of(found, true)[:2]).max() < 2.5e-4
 
 
+def test_a_place_is_looked_for_as_far_as_the_guess_is_doubted():
+    patches, true = pair(FlownSkin(1))
+    guess = Pose(true.rotation, true.translation + np.array([0.03, 0.0, 0.0]))
+    sure = np.diag([0.002**2] * 3 + [0.001**2] * 3)
+    assert register(*patches, guess, sure).remark
+    found = register(*patches, guess, DOUBT)
+    assert not found.remark and np.abs(error_of(found, true)[:2]).max() < 2.5e-4
+
+
 def test_without_an_image_of_the_skin_a_shape_beside_its_place_is_not_sure_of_itself():
     rng = np.random.default_rng(0)
     covariance = np.diag([0.035**2] * 3 + [0.012**2] * 3)
