@@ -77,6 +77,11 @@ class AircraftFrame:
     covariance: Array
     residuals: Array
 
+    @property
+    def worst(self) -> float:
+        """Largest residual, metres."""
+        return float(np.linalg.norm(self.residuals, axis=1).max())
+
     def place(self, position: Array, variance: float = 0.0) -> tuple[Array, Array]:
         """A place of the map on the aircraft, and its covariance.
 
@@ -122,10 +127,9 @@ def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
 
 
 def _contradiction(points: Sequence[ReferencePoint], frame: AircraftFrame) -> str:
-    worst = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
     said = (
-        f'the reference points contradict each other by up to {worst:.1f} mm, more than their '
-        'uncertainties allow'
+        f'the reference points contradict each other by up to {frame.worst * 1e3:.1f} mm, more '
+        'than their uncertainties allow'
     )
     several = points if len(points) > _NEEDED else ()
     fits = [(_fitted([each for each in points if each is not left]), left) for left in several]

@@ -10,6 +10,7 @@ show remains.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,6 @@ from ftp_dent_ros.survey.raster import Grid
 Array = NDArray[np.float64]
 
 
-# Points of a patch that have to lie on another.
-LEAST_FEW = 50
 APART = 'they do not overlap'
 
 
@@ -62,7 +61,7 @@ class PairEquations:
     heights: int
     spread: float
 
-    @property
+    @cached_property
     def both(self) -> Array:
         """Change by the mean of both patches' slopes, shape (n, 6)."""
         return (self.own + self.other) / 2
@@ -90,7 +89,8 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
     place = pose.apply(second.heights)
     here = first.looked_up(first.surface, place)
     met = np.isfinite(here[:, 0])
-    if met.sum() < LEAST_FEW:
+    # Of a pose's six unknowns, each by several.
+    if met.sum() < 50:
         raise UnlikePairError(APART)
     place, here, there = place[met], here[met].astype(float), second.height_values[met]
     own, other = (np.column_stack([-each[:, 1:3], np.ones(len(each))]) for each in (here, there))
@@ -102,39 +102,30 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, deviation(off))
     slopes = [each / (sigma * spread)[:, None] for each in (own, other)]
-    return _linearised(off / spread, slopes, place - centre, place, spread, len(off))
+    return _linearised(off / spread, slopes, place - centre, place, len(off), spread)
 
 
-def paints(
-    first: SkinPatch, second: Samples, pose: Pose, coarse: bool
-) -> tuple[Grid, Grid, NDArray[np.bool_]]:
-    """Paint below samples, their own, both of shape (n, 4), and where both are known, (n,)."""
-    layer, values = (
-        (first.paints[1], second.coarse_values)
-        if coarse
-        else (first.paints[0], second.paint_values)
-    )
-    below = first.looked_up(layer, pose.apply(second.paint))
-    return below, values, (below[:, 3] > 0.99) & (values[:, 3] > 0)
+def painted(first: SkinPatch, second: Samples, pose: Pose) -> tuple[Grid, NDArray[np.bool_]]:
+    """Paint below samples, shape (n, 4), and where both are known, (n,)."""
+    below = first.looked_up(first.paints[0], pose.apply(second.paint))
+    return below, (below[:, 3] > 0.99) & (second.paint_values[:, 3] > 0)
 
 
-def of_paint(
-    first: SkinPatch, second: Samples, pose: Pose, centre: Array, coarse: bool = False
-) -> PairEquations:
-    """Equations of the paint alone, or of the coarse paint."""
-    here, there, met = paints(first, second, pose, coarse)
+def of_paint(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
+    """Equations of the paint alone."""
+    here, met = painted(first, second, pose)
     place = pose.apply(second.paint)[met]
-    ours, theirs = here[met].astype(float), there[met].astype(float)
+    ours, theirs = here[met].astype(float), second.paint_values[met].astype(float)
     off = ours[:, 0] - theirs[:, 0]
     # No two paints fit each other better.
     spread = max(deviation(off) if len(off) else 1.0, 1e-3)
     theirs = theirs[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
     slopes = [each / spread for each in (ours[:, 1:3] @ np.eye(2, 3), theirs)]
-    return _linearised(off / spread, slopes, place - centre, place, spread, 0)
+    return _linearised(off / spread, slopes, place - centre, place, 0, spread)
 
 
 def _linearised(
-    residual: Array, slopes: list[Array], arm: Array, place: Array, spread: float, heights: int
+    residual: Array, slopes: list[Array], arm: Array, place: Array, heights: int, spread: float
 ) -> PairEquations:
     """Residuals that change by slopes as what lies at the end of arms shifts and turns."""
     own, other = (np.hstack([each, cross(arm, each)]) for each in slopes)

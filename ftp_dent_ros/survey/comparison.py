@@ -23,6 +23,7 @@ from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
+from ftp_dent_ros.survey.unrolled import Unrolled
 
 #: In words, in the order in which they are listed.
 STATUSES = {
@@ -47,6 +48,8 @@ _BY_SIGNS = {
 _DAMAGE = {'dent', 'crease', 'gouge'}
 # Standard deviations of a place in the other survey, around which it must have been looked at.
 _AROUND = 3.0
+
+Array = NDArray[np.float64]
 
 # Of the map and its margin, the drawing's units.
 _WIDTH, _MARGIN = 1000.0, 40.0
@@ -118,16 +121,21 @@ class Comparison:
         judged = self.rules.judge(list(there.values())) if self.rules else ()
         return dict(zip(there, judged, strict=False))
 
-    def located(self, each: ComparedDent) -> tuple[NDArray[np.float64], float]:
+    def placed(self, each: ComparedDent) -> tuple[Array, Array, float]:
+        """Place and normal of a dent in the later survey's frame, and the place's deviation."""
+        dent = each.shown.dent
+        if each.later is not None:
+            return dent.position, dent.normal, CENTRE
+        places, spread = self.matching.in_later(dent.position[None])
+        turn = self.matching.motion.rotation.inv()
+        return places[0], turn.apply(dent.normal), math.hypot(CENTRE, float(spread[0]))
+
+    def located(self, each: ComparedDent) -> tuple[Array, float]:
         """Location of a dent, shape (3,), and its standard uncertainty along its worst direction.
 
         Station, buttock line and water line, or a place in the later survey's frame; metres.
         """
-        place, covariance = each.shown.dent.position, each.shown.position_covariance
-        among = CENTRE
-        if each.later is None:
-            places, spread = self.matching.in_later(place[None])
-            place, among = places[0], math.hypot(CENTRE, float(spread[0]))
+        (place, _, among), covariance = self.placed(each), each.shown.position_covariance
         if self.frame is not None:
             place, covariance = self.frame.place(place, among**2)
         return place, math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
@@ -330,7 +338,6 @@ def headline(dents: Sequence[ComparedDent]) -> str:
 
 def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     matching, frame = comparison.matching, comparison.frame
-    walk = math.sqrt(matching.deformation.walk) * 1e3
     scales = ', '.join(
         f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
         for quantity, each in comparison.scales.items()
@@ -341,14 +348,11 @@ def _facts(comparison: Comparison) -> list[tuple[str, str]]:
             for word, each in (('Earlier', comparison.earlier), ('Later', comparison.later))
         ),
         ('In both', f'{len(matching.pairs)} dents, by which the surveys lie on each other'),
-        ('Maps apart', f'{walk:.2g} mm over a metre, root mean square along an axis'),
         ('Later sees larger', f'{scales}; taken out of every growth'),
     ]
     if frame is not None:
-        worst = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
-        facts.append(
-            ('Aircraft frame', f'by {len(frame.residuals)} points, within {worst:.1f} mm of it')
-        )
+        points = f'by {len(frame.residuals)} points, within {frame.worst * 1e3:.1f} mm of it'
+        facts.append(('Aircraft frame', points))
     return [*facts, ('Software', f'ftp_dent_ros {__version__}')]
 
 
@@ -382,18 +386,14 @@ def _cells(row: ComparedDent, comparison: Comparison) -> dict[str, Any]:
 
 
 def _map(comparison: Comparison) -> dict[str, Any] | None:
-    """Where the dents lie, on the plane that they spread along."""
+    """Where the dents lie on the unrolled skin, as seen from outside."""
     rows = comparison.dents
-    if len(rows) < 2:
+    # Fewer tell no skin.
+    if len(rows) < 3:
         return None
-    places = np.stack([comparison.located(row)[0] for row in rows])
-    middle = places.mean(axis=0)
-    _, _, axes = np.linalg.svd(places - middle, full_matrices=False)
-    flat = (places - middle) @ axes[:2].T
-    # Not mirrored: as seen from outside.
-    normal = np.mean([row.shown.dent.normal for row in rows], axis=0)
-    if np.cross(axes[0], axes[1]) @ normal > 0:
-        flat[:, 1] *= -1
+    both = np.array([comparison.placed(row)[:2] for row in rows])
+    places, normals = both[:, 0], both[:, 1]
+    flat = Unrolled.through(places, normals).place(places)[:, :2] * (1, -1)
     low, size = flat.min(axis=0), np.maximum(np.ptp(flat, axis=0), 1e-3)
     scale = min((_WIDTH - 2 * _MARGIN) / size[0], (0.7 * _WIDTH - 2 * _MARGIN) / size[1])
     at = (flat - low) * scale + _MARGIN

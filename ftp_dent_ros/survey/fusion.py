@@ -47,10 +47,9 @@ class Fusion(Raster):
     def add(self, cloud: Cloud, pose: Pose) -> None:
         """Another cloud, in its camera's frame; one that tells no uncertainty is left out."""
         known = cloud.valid & (cloud.sigma > 0)
-        laid = self.laid(cloud, pose, known)
-        if laid is None:
+        if not known.any():
             return
-        places, window, u, v = laid
+        places, window, u, v = self.laid(cloud, pose, known)
         height = remap(np.where(known, places[..., 2], np.nan), u, v, cv2.INTER_CUBIC)
         sigma = remap(cloud.sigma, u, v)
         resolution = remap(cloud.resolution, u, v)

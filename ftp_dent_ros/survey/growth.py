@@ -22,7 +22,7 @@ from scipy.stats import t as student
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.robust import NORMAL_SPREAD, median
+from ftp_dent_ros.robust import deviation
 from ftp_dent_ros.survey.result import SurveyedDent
 
 # Chance that a comparison shows a change where there is none, 0.005 in all: depth is what grows
@@ -86,18 +86,18 @@ def changes_of(
     ----------
     earlier, later : sequence of MeasuredDent
         The same dents. One that is cut in either has no changes: its sizes are bounds.
-    deeper : sequence of ndarray, shape (4,)
+    deeper : sequence of ndarray, shape (3,)
         Of each dent, as of `depth_growth`.
     """
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
     changes: list[dict[str, Change]] = [{} for _ in earlier]
-    factors, unknown = {}, np.full((len(earlier), 4), math.nan)
+    factors, unknown = {}, np.full((len(earlier), 3), math.nan)
     for quantity, chance in _FALSE_ALARM.items():
         before, after = (
             np.array([[abs(e.value), e.uncertainty] for e in (getattr(d, quantity) for d in each)])
             for each in (earlier, later)
         )
-        given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 4))
+        given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 3))
         factors[quantity], found = _changes(chance, before, after, given, usable)
         for index, change in found.items():
             changes[index][quantity] = change
@@ -109,13 +109,10 @@ def _changes(
 ) -> tuple[CommonFactor, dict[int, Change]]:
     """Changes of values and their uncertainties, shape (n, 2), by the number of the dent."""
     before, after = earlier[:, 0], later[:, 0]
-    growth, spread, freedom, noise = given.T
+    growth, spread, freedom = given.T
     by_skin = np.isfinite(growth)
     after = np.where(by_skin, before + growth, after)
-    # A few places may be quieter than the surveys' skins are by chance alone; what is less than
-    # the last number, metres squared, is no noise at all.
-    louder = np.maximum(1.0, median(noise[by_skin]) / np.maximum(noise, 1e-15))
-    stated = np.where(by_skin, spread * louder, np.hypot(earlier[:, 1], later[:, 1]))
+    stated = np.where(by_skin, spread, np.hypot(earlier[:, 1], later[:, 1]))
     freedom = np.where(by_skin, freedom, math.inf)
     known = usable & np.isfinite(before) & np.isfinite(after) & (stated > 0)
     change, uncertainty = np.full((2, len(before)), math.nan)
@@ -154,7 +151,7 @@ def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
     for _ in range(20 if len(before) else 0):
         off = (after - factor * before) / stated
         # Standard deviations beyond which a dent has changed.
-        unchanged = np.abs(off) < 3.0 * max(NORMAL_SPREAD * float(np.median(np.abs(off))), 0.1)
+        unchanged = np.abs(off) < 3.0 * max(deviation(off), 0.1)
         count = int(unchanged.sum())
         noise = float(np.sqrt((_TRUST + (off[unchanged] ** 2).sum()) / (_TRUST + count)))
         # As how many at most all dents count: errors are not quite Gaussian far out.
@@ -179,13 +176,12 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
 
     Returns
     -------
-    ndarray, shape (4,)
+    ndarray, shape (3,)
         By how much it is deeper, or higher, and the uncertainty of that, metres; its degrees of
         freedom: how many places of the difference that are not correlated tell it, less what is
-        fitted; and the noise of the difference, as a mean over a square of one metre would have
-        it, metres squared. NaN where not both surveys keep the skin about it.
+        fitted. NaN where not both surveys keep the skin about it.
     """
-    unknown = np.full(4, math.nan)
+    unknown = np.full(3, math.nan)
     if earlier.relief is None or later.relief is None:
         return unknown
     dent, spacing = earlier.dent, earlier.relief.spacing
@@ -224,7 +220,7 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
         noise = math.sqrt(float(rest[used].var()) * places / freedom * area)
         uncertainty = noise * math.sqrt(float((inverse[0] ** 2).sum()))
         deeper = float(np.sign(dent.depth.value) * fit[0])
-        growth = np.array([deeper, uncertainty, freedom, noise * spacing])
+        growth = np.array([deeper, uncertainty, freedom])
         slide = slide - fit[1:3] / steepest
     return growth
 

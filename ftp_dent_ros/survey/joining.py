@@ -18,13 +18,12 @@ from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
 from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
 from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
+from ftp_dent_ros.survey.tying import REACH, agreeing
 
 #: Frame of a survey that no autopilot has placed.
 UNPLACED = 'survey'
 # Earlier clouds that each is laid on: the one before, and one some clouds back.
 _BACK = (1, 3)
-# Clouds before the newest, and about another, by which the doubt of these two is known.
-_NEARBY = 4
 
 
 class Joining:
@@ -51,12 +50,9 @@ class Joining:
         self.remarks: list[str] = []
         # Those that clouds to come may be laid on.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
-        # The last clouds that were laid on another pass, that slid along it, and that were looked
-        # for in other flights.
+        # The last cloud that was laid on another pass.
         self._closed: int | None = None
-        self._slid: int | None = None
-        self._searched: int | None = None
-        # Pairs that may tie two flights, if another one says the same.
+        # Pairs that may tie two flights, if others say the same.
         self._maybe: dict[tuple[int, int], list[PairLink]] = {}
         self.footprints: list[Footprint] = []
 
@@ -93,8 +89,9 @@ class Joining:
         self.without_skin += patch.light is None
         number = len(self.graph.nodes)
         guess = self._guess(pose, flight)
-        if pose is not None:
-            self._lay_before(guess)
+        if number and pose is not None and not self.graph.placed:
+            # Those before lie where this one does.
+            self.graph.carry(guess @ self.graph.pose(-1).inverse())
         stated = (guess, None) if pose is None else (pose, covariance)
         self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
@@ -121,11 +118,8 @@ class Joining:
 
         Clouds are tied by what they share; and those of a flight that have poses, by these.
         """
-        graph = self.graph
-        placed = [k for k, node in enumerate(graph.nodes) if node.covariance is not None]
-        found = graph.groups(
-            [(a, b) for a, b in pairwise(placed) if graph.nodes[a].flight == graph.nodes[b].flight]
-        )
+        flights = self.graph.placed.values()
+        found = self.graph.groups([pair for placed in flights for pair in pairwise(placed)])
         return [
             self._part(np.flatnonzero(found == part).tolist())
             for part in np.argsort(-np.bincount(found), kind='stable')
@@ -137,7 +131,7 @@ class Joining:
         part.graph = self.graph.part(numbers)
         part.numbers = {stamps[number]: index for index, number in enumerate(numbers)}
         part.footprints = [self.footprints[number] for number in numbers]
-        if any(node.covariance is not None for node in part.graph.nodes):
+        if part.graph.placed:
             part.frame_id = self.frame_id
         part.remarks = list(self.remarks)
         return part
@@ -181,14 +175,6 @@ class Joining:
         is_told = last.covariance is not None and last.flight == flight
         return there @ last.stated.inverse() @ stated if is_told else stated
 
-    def _lay_before(self, pose: Pose) -> None:
-        """Guess that the last clouds, if nothing has placed them, lie where the next one does."""
-        graph, placed = self.graph, [n.covariance is not None for n in self.graph.nodes]
-        start = len(placed) - placed[::-1].index(True) if True in placed else 0
-        links = graph.links[graph.first_link(start) :]
-        if start < len(placed) and all(link.first >= start for link in links):
-            graph.carry(start, pose @ graph.pose(-1).inverse())
-
     def _follow(self, number: int) -> None:
         """Lay a cloud on those before it in its flight."""
         nodes = self.graph.nodes
@@ -208,10 +194,8 @@ class Joining:
         guess = graph.pose(first).inverse() @ graph.pose(second)
         if is_far:
             guess = laid_over(*patches, guess)
-        is_known = not is_far and bool(graph.links) and graph.links[-1].second == second
-        known = doubt_by_links(graph, first, second) if is_known else None
         try:
-            relative = register(*patches, guess, doubt_by_autopilot(graph, first, second), known)
+            relative = register(*patches, guess, doubt_by_autopilot(graph, first, second))
             why = '' if patches[1].light is None else relative.remark
         except UnlikePairError as reason:
             relative, why = None, str(reason)
@@ -235,55 +219,43 @@ class Joining:
         self._kept[old] = partial(unfolded, folded(self._kept[old]()))
 
     def _close(self, number: int) -> None:
-        """Lay a cloud on other passes that show the same skin, on the nearest cloud of each."""
+        """Lay a cloud on the nearest one of another pass that shows the same skin."""
         others = [each for each in self._kept if self._are_passes(each, number)]
-        others, far = self._around(number, others, self._closed)
+        if not others:
+            return
+        last = number if self._closed is None else self._closed
+        *places, before, here = self._middles([*others, last, number])
+        size = self.footprints[number].size
+        # Pairs on the same skin err alike, and tell alike: this part of a patch from the last that
+        # was laid, one tells hardly more.
+        is_near = np.linalg.norm(before - here) < 0.5 * size
+        if last != number and is_near and not self._are_passes(last, number):
+            return
+        far = np.linalg.norm(places - here, axis=1)
+        nearest = others[int(far.argmin())]
         # No farther apart than this part of both patches' sizes.
-        sizes = self.footprints[number].size + np.array(
-            [self.footprints[each].size for each in others]
-        )
-        near, chosen = np.flatnonzero(far < 0.6 * sizes), list[int]()
-        for index in near[np.argsort(far[near], kind='stable')]:
-            if all(self._are_passes(others[index], each) for each in chosen):
-                chosen.append(others[index])
-        for other in chosen[:2]:
-            relative = self._laid(other, number)
-            if relative is None:
-                continue
-            self._closed, nodes = number, self.graph.nodes
-            # Where marks do not tell how far another pass is slid along this one, the autopilot
-            # alone does. Pairs share its error while it lasts: one stands for all, or many would
-            # be too sure. It is taken for another one when one part in twenty is left.
-            if relative.rank < 6:
-                if self._slid is not None and share_kept(nodes[self._slid], nodes[number]) > 0.05:
-                    continue
-                self._slid = number
-            self.graph.link(other, number, relative)
-
-    def _around(
-        self, number: int, others: list[int], last: int | None
-    ) -> tuple[list[int], NDArray[np.float64]]:
-        """Other clouds, and how far from each a cloud is; none near the last that was laid."""
-        places = self._middles([*others, number if last is None else last, number])
-        far = np.linalg.norm(places[:-1] - places[-1], axis=1)
-        # Pairs on the same skin err alike, and tell alike: this part of a patch from the last, one
-        # tells hardly more.
-        near = 0.5 * self.footprints[number].size
-        if last is not None and far[-1] < near and not self._are_passes(last, number):
-            return [], far[:0]
-        return others, far[:-1]
+        if far.min() > 0.6 * (size + self.footprints[nearest].size):
+            return
+        relative = self._laid(nearest, number)
+        if relative is None:
+            return
+        self._closed = number
+        # Where marks do not tell how far another pass is slid along this one, the autopilot alone
+        # does. Pairs share its error, and many would be too sure of it.
+        if relative.rank == 6:
+            self.graph.link(nearest, number, relative)
 
     def _search(self, number: int) -> None:
         """Look for the skin of a cloud in other flights, as far off as their poses state.
 
-        What two pairs say alike ties the flights; what one says may be chance.
+        What pairs say alike ties the flights; what one says may be chance.
         """
         graph, flight = self.graph, self.graph.nodes[number].flight
         others = [each for each in self._kept if graph.nodes[each].flight != flight]
-        others, far = self._around(number, others, self._searched)
         if not others:
             return
-        self._searched, groups = number, graph.groups()
+        *places, here = self._middles([*others, number])
+        groups, far = graph.groups(), np.linalg.norm(places - here, axis=1)
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
         reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self.footprints[number].size
@@ -294,20 +266,20 @@ class Joining:
             relative = self._laid(other, number, is_far=True)
             if relative is None or relative.remark or relative.rank < 6:
                 continue
-            alike = self._maybe.setdefault((graph.nodes[other].flight, flight), [])
-            alike.append(PairLink(other, number, relative))
-            middle = self._middles([number])[0]
-            *places, place = (
-                (graph.pose(a) @ each.pose @ graph.pose(b).inverse()).apply(middle)
-                for a, b, each in ((link.first, link.second, link.relative) for link in alike)
-            )
-            # Metres: more than a flight errs in itself, far less than is searched.
-            if any(np.linalg.norm(each - place) < 0.01 for each in places):
+            found = self._maybe.setdefault((graph.nodes[other].flight, flight), [])
+            found.append(PairLink(other, number, relative))
+            ends = ((link.first, link.second, link.relative.pose) for link in found)
+            motions = [graph.pose(a) @ seen @ graph.pose(b).inverse() for a, b, seen in ends]
+            pieces = np.array([link.second for link in found])
+            # What is wrong lies anywhere on the disc that is searched.
+            chance = (REACH / reach) ** 2
+            same = agreeing(motions, self._middles(pieces.tolist()), pieces[:, None], chance)
+            if len(found) - 1 in same:
                 graph.link(other, number, relative)
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""
-        return self.graph.placed(numbers, [self.footprints[each].middle for each in numbers])
+        return self.graph.in_map(numbers, [self.footprints[each].middle for each in numbers])
 
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes
@@ -318,30 +290,18 @@ class Joining:
         return f'clouds {first + 1} and {second + 1} ({a:.3f} s and {b:.3f} s): {what}'
 
 
-def doubt_by_links(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
-    """Covariance of the second camera's place seen from the first, by all that joins them nearby.
+def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
+    """Covariance of the second camera's place seen from the first, by the autopilot alone.
 
-    Along the first camera's axes, about the second camera, shape (6, 6).
+    Or by how far a drone flies where that tells nothing. Along the first camera's axes, about the
+    second camera, shape (6, 6).
 
     Parameters
     ----------
     graph : PoseGraph
     first, second : int
-        Numbers of the clouds; the second is joined already.
+        Numbers of the clouds.
     """
-    links = graph.links
-    near = {first, *range(max(0, second - _NEARBY), second + 1)}
-    start = graph.first_link(max(0, second - _NEARBY))
-    near |= {link.first for link in links[start:] if abs(link.first - first) <= _NEARBY}
-    numbers = sorted(near)
-    part = graph.part(numbers)
-    at = numbers.index(first)
-    covariance = part.covariances(anchor=at, only=[numbers.index(second)])[0]
-    return seen_along(covariance, graph.pose(first).rotation.as_matrix(), np.zeros(3))
-
-
-def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.float64]:
-    """The same by the autopilot alone, or by how far a drone flies where it tells nothing."""
     a, b = graph.nodes[first], graph.nodes[second]
     if a.covariance is None or b.covariance is None:
         # Of a cloud's place seen from the one before: metres, radians.

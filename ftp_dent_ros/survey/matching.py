@@ -2,7 +2,7 @@
 
 The aircraft stands elsewhere and otherwise from one survey to the next, and each map errs by
 itself. So pairs of neighbouring dents that are as far apart in both surveys each propose a motion;
-the one that brings the most dents together begins a deformation, which is followed outward.
+the one that most agree with begins a deformation, which is followed outward.
 """
 
 from __future__ import annotations
@@ -17,19 +17,15 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
-from scipy.stats import poisson
 
 from ftp_dent_ros.dents.dent import MeasuredDent
 from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, centre_deviations
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.survey.tying import REACH, agreeing
 
 Array = NDArray[np.float64]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
-
-# What a motion may leave of two dents that are the same, beside their places, metres: by its own
-# turn, and as the maps stretch.
-_LEFT = 2e-3
 
 # Standard deviations within which two are taken for the same.
 _GATE = 4.0
@@ -101,24 +97,18 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Den
         )
     there, here = _positions(earlier), _positions(later)
     place, agree = centre_deviations(earlier, later), agreement(earlier, later)
-    motions = _motions_between(earlier, later, agree)
-    tried: list[tuple[float, Pose, Pairs]] = []
-    for motion in motions:
-        moved = motion.apply(here)
-        i, j = _nearest_pairs(there, moved, place, np.isfinite(agree))
-        misfit = float((np.square(there[i] - moved[j]).sum(axis=1) / place[i, j] ** 2).sum())
-        score = len(i) - misfit / (2 * _GATE**2 * max(len(i), 1))
-        tried.append((score, motion, (i, j)))
-    best = max(tried, key=lambda each: each[0], default=None)
-    # Chance that dents of two aircraft are laid on each other.
-    if best is None or _by_chance(len(best[2][0]), len(motions), there, place, agree) > 1e-3:
+    motions, ours, theirs = _proposals(earlier, later, agree)
+    like = len(there) * float(np.isfinite(agree).mean())
+    chance = like * math.pi * REACH**2 / _area(there)
+    same = agreeing(motions, here[ours].mean(axis=1), ours, chance)
+    if not len(same):
         raise NoMatchError(
             'no motion lays enough dents of the one survey on those of the other: '
             'check that they are of the same aircraft and overlap'
         )
-    _, motion, pairs = best
+    motion = motions[same[0]]
     moved = motion.apply(here)
-    i, j = _followed_pairs(earlier, later, moved, place, pairs)
+    i, j = _followed_pairs(earlier, later, moved, place, (theirs[same[0]], ours[same[0]]))
     deformation = _fit(moved[j], there[i] - moved[j], place[i, j])
     return DentMatching(tuple(zip(i.tolist(), j.tolist(), strict=True)), motion, deformation)
 
@@ -127,26 +117,11 @@ def _positions(dents: Sequence[MeasuredDent]) -> Array:
     return np.stack([dent.position for dent in dents])
 
 
-def _by_chance(count: int, tried: int, there: Array, place: Array, agree: Array) -> float:
-    """How many motions of those tried bring so many strangers together."""
-    axes = np.linalg.svd(there - there.mean(axis=0), full_matrices=False)[2]
-    sides = np.ptp((there - there.mean(axis=0)) @ axes[:2].T, axis=0)
-    reach = _GATE * float(np.median(place)) + _LEFT
-    area = float(np.prod(np.maximum(sides, 2 * reach)))
-    density = min(1.0, len(there) * math.pi * reach**2 / area)
-    expected = agree.shape[1] * density * float(np.isfinite(agree).mean())
-    # Two are brought together by making.
-    return tried * float(poisson.sf(count - 3, expected))
-
-
-def _nearest_pairs(there: Array, moved: Array, place: Array, possible: NDArray[np.bool_]) -> Pairs:
-    """Dents that a motion brings together, each with one other at most, the nearest."""
-    off, nearest = cKDTree(there).query(moved)
-    later = np.arange(len(moved))
-    together = possible[nearest, later] & (off < _GATE * place[nearest, later] + _LEFT)
-    order = later[together][np.argsort(off[together], kind='stable')]
-    i, first = np.unique(nearest[order], return_index=True)
-    return i, order[first]
+def _area(places: Array) -> float:
+    """Of the rectangle that places spread over, square metres."""
+    off = places - places.mean(axis=0)
+    sides = np.ptp(off @ np.linalg.svd(off, full_matrices=False)[2][:2].T, axis=0)
+    return float(np.prod(np.maximum(sides, 2 * REACH)))
 
 
 def _followed_pairs(
@@ -184,14 +159,17 @@ def _followed_pairs(
         pairs = found
 
 
-def _motions_between(
+def _proposals(
     earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent], agree: Array
-) -> list[Pose]:
+) -> tuple[list[Pose], NDArray[np.intp], NDArray[np.intp]]:
     """Motions that lay two neighbours of the later survey on two of the earlier one.
 
-    Those of long pairs of like sizes are first, as they say the most.
+    And numbers of these, shape (n, 2). Those of long pairs of like sizes are first, as they say
+    the most.
     """
     a, b = _neighbours(earlier), _neighbours(later)
+    # Each two once.
+    b = np.unique(np.sort(b, axis=1), axis=0)
     lengths = [
         np.linalg.norm(np.diff(_positions(dents)[pairs], axis=1)[:, 0], axis=1)
         for dents, pairs in ((earlier, a), (later, b))
@@ -201,17 +179,16 @@ def _motions_between(
     sizes = agree[a[:, 0]][:, b[:, 0]] + agree[a[:, 1]][:, b[:, 1]]
     good = np.abs(lengths[0][:, None] - lengths[1]) < tolerance[:, None]
     rows, columns = np.nonzero(good & np.isfinite(sizes) & (lengths[0] > 0)[:, None])
-    order = np.argsort(sizes[rows, columns] - np.log(lengths[0][rows]), kind='stable')
-    motions = []
     # So many are tried.
-    for k in order[:400]:
-        (ours, here), (theirs, there) = (
-            _pair([dents[n] for n in pairs[index[k]]])
-            for dents, pairs, index in ((later, b, columns), (earlier, a, rows))
+    order = np.argsort(sizes[rows, columns] - np.log(lengths[0][rows]), kind='stable')[:400]
+    theirs, ours, motions = a[rows[order]], b[columns[order]], []
+    for one, other in zip(ours, theirs, strict=True):
+        (here, middle), (there, onto) = (
+            _pair([dents[n] for n in pair]) for dents, pair in ((later, one), (earlier, other))
         )
-        turn, _ = Rotation.align_vectors(theirs, ours)
-        motions.append(Pose(turn, there - turn.apply(here)))
-    return motions
+        turn, _ = Rotation.align_vectors(there, here)
+        motions.append(Pose(turn, onto - turn.apply(middle)))
+    return motions, ours, theirs
 
 
 def _pair(dents: Sequence[MeasuredDent]) -> tuple[Array, Array]:

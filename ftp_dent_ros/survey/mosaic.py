@@ -81,10 +81,7 @@ class Mosaic(Raster):
         where the points do, and clouds with fewer points than pixels leave no holes. What another
         group has claimed is measured, and not drawn.
         """
-        laid = self.laid(cloud, pose, cloud.valid)
-        if laid is None:
-            return
-        places, window, u, v = laid
+        places, window, u, v = self.laid(cloud, pose, cloud.valid)
         height = remap(places[..., 2], u, v, cv2.INTER_NEAREST)
         pixels = [np.arange(each.start, each.stop) for each in window]
         owner = self._owner[np.ix_(*(each // PIXELS_A_CELL for each in pixels))]

@@ -35,16 +35,14 @@ class Samples:
     ----------
     heights, paint : ndarray, shape (n, 3)
         Metres, in the patch's frame.
-    height_values : ndarray, shape (n, 4)
-    paint_values, coarse_values : ndarray, shape (n, 4)
-        As the layers of `SkinPatch`.
+    height_values, paint_values : ndarray, shape (n, 4)
+        As `SkinPatch.surface` and `SkinPatch.paint` have them.
     """
 
     heights: NDArray[np.float64]
     height_values: Grid
     paint: NDArray[np.float64]
     paint_values: Grid
-    coarse_values: Grid
 
     @cached_property
     def few(self) -> Samples:
@@ -94,8 +92,8 @@ class SkinPatch:
     def paints(self) -> tuple[Grid, Grid]:
         """Paint, its slopes along x and y (1/m), and 1 where it is known, else 0; and smoothed.
 
-        The logarithm of the skin image without the light's slow changes; each of shape (rows,
-        columns, 4), the smoothed one by a standard deviation of 2 mm.
+        The logarithm of the skin image without the light's slow changes, shape (rows, columns, 4);
+        and by a standard deviation of 2 mm, with 1 where that is known, (rows, columns, 2).
         """
         values = np.full_like(self.height, np.nan) if self.light is None else self.light
         known = np.isfinite(values)
@@ -109,17 +107,22 @@ class SkinPatch:
         rest = np.clip((values - around) * share, -0.7, 0.7)
         # Of the window, that must be known: at a rim, to one side of which the skin and its
         # image's own windows end, light would be taken for paint.
-        inside = (share * (window > 0.93)).astype(np.uint8)
+        inside = share * (window > 0.93)
         width = 0.002 / self.pitch
         smooth = _blurred(rest, width) / np.maximum(_blurred(share, width), np.float32(1e-3))
-        layers = []
-        for field, reach in ((rest, 3), (smooth, 3 + 2 * math.ceil(width))):
-            # Beside what is not known, slopes are those of the mask.
-            around_it = np.ones((reach, reach), np.uint8)
-            mask = cv2.erode(inside, around_it, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-            layer: Any = cv2.merge([field, *slopes(field, self.pitch), mask.astype(np.float32)])
-            layers.append(layer * layer[..., 3:])
-        return layers[0], layers[1]
+        # Beside what is not known, slopes are those of the mask.
+        fine, coarse = (
+            cv2.erode(
+                inside,
+                np.ones((reach, reach), np.uint8),
+                borderType=cv2.BORDER_CONSTANT,
+                borderValue=0,
+            )
+            for reach in (3, 3 + 2 * math.ceil(width))
+        )
+        paint: Any = cv2.merge([rest, *slopes(rest, self.pitch), fine])
+        smoothed: Any = cv2.merge([smooth * coarse, coarse])
+        return paint * fine[..., None], smoothed
 
     @cached_property
     def samples(self) -> Samples:
@@ -133,7 +136,7 @@ class SkinPatch:
         row, column = row[some], column[some]
         side = max(1, round(0.004 / self.pitch))
         rows, columns = (size // side for size in self.height.shape)
-        paint, coarse = self.paints
+        paint = self.paints[0]
         change = np.square(paint[..., 1:3]).sum(axis=-1) * known
         squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
         squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
@@ -149,7 +152,6 @@ class SkinPatch:
             self.surface[row, column],
             self.points(down, across),
             paint[down, across],
-            coarse[down, across],
         )
 
     def points(self, row: NDArray[np.integer], column: NDArray[np.integer]) -> NDArray:

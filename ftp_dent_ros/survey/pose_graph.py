@@ -170,6 +170,15 @@ class PoseGraph:
         self.nodes.append(node)
 
     @property
+    def placed(self) -> dict[int, list[int]]:
+        """Numbers of the poses that the autopilot tells, by their flights."""
+        placed = dict[int, list[int]]()
+        for number, node in enumerate(self.nodes):
+            if node.covariance is not None:
+                placed.setdefault(node.flight, []).append(number)
+        return placed
+
+    @property
     def poses(self) -> list[Pose]:
         """As they are found."""
         return [self.pose(number) for number in range(len(self.nodes))]
@@ -178,9 +187,9 @@ class PoseGraph:
         """Of a cloud's camera, as it is found."""
         return Pose(Rotation.from_matrix(self._turns[number]), self._places[number].copy())
 
-    def carry(self, start: int, move: Pose) -> None:
-        """Move the poses from a number on, that are guesses alone."""
-        for number in range(start, len(self.nodes)):
+    def carry(self, move: Pose) -> None:
+        """Move all poses, that are guesses alone."""
+        for number in range(len(self.nodes)):
             pose = move @ self.pose(number)
             self.nodes[number] = replace(self.nodes[number], stated=pose)
             self._put(number, pose)
@@ -208,8 +217,8 @@ class PoseGraph:
         some, start = PoseGraph(), self.first_link(numbers[0])
         for number in numbers:
             some.add(self.nodes[number], self.pose(number))
-        placed = {node.flight for node in some.nodes if node.covariance is not None}
-        some.drifts = {flight: self.drifts[flight] for flight in placed & self.drifts.keys()}
+        flights = some.placed.keys() & self.drifts.keys()
+        some.drifts = {flight: self.drifts[flight] for flight in flights}
         for index, link in enumerate(self.links[start:], start):
             if link.first in place and link.second in place:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
@@ -233,12 +242,7 @@ class PoseGraph:
         # hardly any more.
         for _ in range(3):
             groups, drifts = self.groups(), {}
-            for flight in {node.flight for node in self.nodes if node.covariance is not None}:
-                placed = [
-                    k
-                    for k, node in enumerate(self.nodes)
-                    if node.flight == flight and node.covariance is not None
-                ]
+            for flight, placed in self.placed.items():
                 # Of poses that nothing ties, errors are not known: those of the most are taken.
                 most = np.bincount(groups[placed]).argmax()
                 tied = [k for k in placed if groups[k] == most]
@@ -272,7 +276,7 @@ class PoseGraph:
         link = self.links[-1]
         self._put(number, self.pose(link.first) @ link.relative.pose)
 
-    def placed(self, numbers: Sequence[int], points: Sequence[Array]) -> Array:
+    def in_map(self, numbers: Sequence[int], points: Sequence[Array]) -> Array:
         """Points of shape (n, 3), each in its camera's frame, in the map."""
         at = np.asarray(numbers, np.intp)
         return (self._turns[at] @ np.stack(points)[..., None])[..., 0] + self._places[at]
@@ -479,10 +483,7 @@ def _stated(
     They are a pose and the last one, or a pose and its flight's constant: a drift is near to both.
     Where one error is known by itself, its number stands there twice.
     """
-    nodes, flights = graph.nodes, dict[int, list[int]]()
-    for index, node in enumerate(nodes):
-        if node.covariance is not None:
-            flights.setdefault(node.flight, []).append(index)
+    nodes, flights = graph.nodes, graph.placed
     is_adrift = anchor is None and not flights
     terms = [
         ((k, k), _UNTOLD if k or not is_adrift else _ANCHOR)
@@ -500,18 +501,12 @@ def _stated(
         nothing = np.zeros((1, 6))
         before, after = np.vstack([nothing, keep]), np.vstack([keep, nothing])
         own = np.vstack([share + anew[:1], part]) / (1 / (1 + before) - after / (1 + after))
-        # Seen from a pose that errs itself, errors differ ever more.
-        apart = part * (1 - keep) * (2 if anchor is not None else (1 + keep) / keep)
+        apart = part * (1 - keep**2) / keep
         for k, index in enumerate(some):
-            if index >= fixed and anchor is None:
+            if index >= fixed:
                 terms.append(((constants.get(flight, index), index), _part(spreads[k], own[k])))
             if index >= fixed and k:
                 terms.append(((some[k - 1], index), _part(spreads[k], apart[k - 1])))
-        if anchor is not None and nodes[anchor].flight != flight:
-            # Of two flights' errors, neither is known.
-            terms.append(
-                ((placed[0], placed[0]), _part(nodes[placed[0]].covariance, 2 * np.ones(6)))
-            )
     for flight, at in constants.items():
         first = nodes[flights[flight][0]].covariance
         terms.append(((at, at), _part(first, 1 - graph.drifts[flight][0])))

@@ -76,7 +76,7 @@ class Raster:
 
     def laid(
         self, cloud: Cloud, pose: Pose, known: NDArray[np.bool_]
-    ) -> tuple[Array, Window, Grid, Grid] | None:
+    ) -> tuple[Array, Window, Grid, Grid]:
         """A cloud's points on the skin, and the pixels about those that are known.
 
         Parameters
@@ -92,12 +92,9 @@ class Raster:
             As of `places`.
         window : (slice, slice)
         columns, rows : ndarray, shape (window's rows, window's columns)
-            Where on the cloud's grid the window's pixels lie. None at all of few points.
+            Where on the cloud's grid the window's pixels lie.
         """
         places, some = self.places(cloud, pose), some_of(known)
-        # Of a polynomial's 16 terms.
-        if len(some[0]) < 20:
-            return None
         window = self.window(places[known])
         size = np.array([each.stop - each.start for each in window[::-1]])
         # From the corner on, single precision is enough.

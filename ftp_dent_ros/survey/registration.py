@@ -8,7 +8,7 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,20 +21,18 @@ from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import moved, moved_along, seen_along, twist_between
 from ftp_dent_ros.survey.alignment import (
     APART,
-    LEAST_FEW,
     PairEquations,
     UnlikePairError,
     equations,
     of_heights,
-    of_paint,
-    paints,
+    painted,
 )
 from ftp_dent_ros.survey.information import RelativePose, in_common, pair_information
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import remap
 
-# Share of the second cloud that has to lie on the first, and points.
-LEAST_OVERLAP, _LEAST_POINTS = 0.15, 200
+# Share of the second cloud that has to lie on the first, and points of its paint.
+_LEAST_OVERLAP, _LEAST_PAINT = 0.15, 200
 _NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
 _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
@@ -43,7 +41,6 @@ _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
 _CLEARLY = 4.5
 
 Array = NDArray[np.float64]
-Linearised = Callable[[SkinPatch, Samples, Pose, Array], PairEquations]
 
 # Of the cells that are correlated, metres: marks are a few millimetres wide.
 _CELL = 0.003
@@ -53,8 +50,6 @@ _WITHIN = 4.0
 _TURN = 0.008
 # A peak's correlation, and that by the highest one's, from which on it may be the place.
 _RIVAL = 0.6
-# Places that are alike at first sight: more cannot all be judged.
-_MOST = 32
 
 
 def register(
@@ -62,7 +57,6 @@ def register(
     second: SkinPatch,
     guess: Pose,
     doubt: NDArray[np.float64],
-    known: NDArray[np.float64] | None = None,
 ) -> RelativePose:
     """Pose of the second cloud's camera in the first one's frame.
 
@@ -74,9 +68,6 @@ def register(
     doubt : ndarray, shape (6, 6)
         Covariance of the guess: shift of the second camera along the first one's axes, metres, and
         turn about them, radians.
-    known : ndarray, shape (6, 6), optional
-        What is doubted as well as it is known by others, which may be wrong: a place beyond it is
-        believed if what both show tells so.
 
     Raises
     ------
@@ -86,30 +77,21 @@ def register(
     samples, few = second.samples, second.samples.few
     start = first.frame.inverse() @ guess @ second.frame
     centre = _centre(first, few, start)
-    is_painted = first.light is not None and second.light is not None
     arm, axes = first.frame.apply(centre) - guess.translation, first.frame.rotation.as_matrix()
-    known = doubt if known is None else known
-    near = Guess(start, centre, *(seen_along(each, axes, arm) for each in (doubt, known)))
+    near = Guess(start, centre, seen_along(doubt, axes, arm))
     best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
     near = replace(near, centre=_centre(first, few, best))
-    found, remark = None, _NO_PAINT
-    if is_painted:
+    found, remark, centre = None, _NO_PAINT, near.centre
+    if first.light is not None and second.light is not None:
         best, found, remark = _by_paint(first, second, best, near)
-    else:
-        near = replace(near, doubt=near.known)
-    centre = near.centre
-    if found is None:
-        found = of_heights(first, samples, best, centre)
-    if found.heights < max(_LEAST_POINTS, LEAST_OVERLAP * len(samples.heights)):
+    found = found or of_heights(first, samples, best, centre)
+    if found.heights < _LEAST_OVERLAP * len(samples.heights):
         raise UnlikePairError(APART)
     # Heights' misfit by what the clouds state, above which they do not show one surface.
     if found.spread > 25.0:
         raise UnlikePairError(
             f'their heights differ {found.spread:.0f} times as much as they state'
         )
-    # Share of the points within three standard deviations, that both must have in common.
-    if np.mean(np.abs(found.residual[: found.heights]) < 3) < 0.5:
-        raise UnlikePairError('most of their heights differ')
     # Difference of the directions from which the centre is seen, along the patch's axes.
     cameras = first.frame.inverse(), best @ second.frame.inverse()
     here, there = (camera.translation - centre for camera in cameras)
@@ -161,14 +143,12 @@ def _slid_information(
     held = free @ free.T / both / 1e-5**2
     covariance = np.diag(1 / values[6 - rank :])
     for step in (free @ ways * np.sqrt(variances)).T:
-        for sign in (1, -1):
-            try:
-                beside = moved_along(pose, sign * (step * scale), centre)
-                other = _laid(first, samples, beside, centre, held)
-            except UnlikePairError:
-                continue
-            change = sure.T @ (twist_between(pose, other, centre) / scale)
-            covariance += np.outer(change, change) / 2
+        try:
+            other = _laid(first, samples, moved_along(pose, step * scale, centre), centre, held)
+        except UnlikePairError:
+            continue
+        change = sure.T @ (twist_between(pose, other, centre) / scale)
+        covariance += np.outer(change, change)
     return sure @ np.linalg.inv(covariance) @ sure.T / both
 
 
@@ -182,76 +162,55 @@ def _by_paint(
     samples, few = second.samples, second.samples.few
     loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     places = candidates(first, second, by_shape, near)
-    if len(places) > _MOST:
-        return by_shape, None, _AMBIGUOUS
     # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
     # on it by far more than a guess is unsure of at its own place.
     # By how much a place may move along the skin as patches are laid on each other there: the
     # cells that it was found by, metres.
     held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
-    slidden = [_slid(first, few, each, near.centre, held) for each in places]
-    rough = (Place.at(first, few, each, near, rough=True) for each in slidden)
-    left = not_worse(rough, _MOST)
-    # Another one that is as good as the best is enough to give up.
-    left = not_worse((_judged(first, samples, each, near, held) for each in left), 2)
+    by_few = partial(equations, first, few, centre=near.centre)
+    left = _best_of(
+        Place.at(first, samples, _solved(by_few, each, near.centre, held), near) for each in places
+    )
     if len(left) != 1:
         return by_shape, None, _AMBIGUOUS if left else _NOWHERE
-    pose = _solved(first, few, left[0].pose, near.centre, loose)
+    pose = _solved(by_few, left[0].pose, near.centre, loose)
     found = equations(first, samples, pose, near.centre)
     painted = len(found.residual) - found.heights
-    if painted < _LEAST_POINTS or near.away(pose)[1] > _WITHIN**2:
+    if painted < _LEAST_PAINT or near.away(pose)[1] > _WITHIN**2:
         return by_shape, None, _NOWHERE
     return pose, found, ''
 
 
-def _judged(
-    first: SkinPatch, samples: Samples, place: Place, near: Guess, held: NDArray[np.float64]
-) -> Place:
-    """A place with the patches laid on each other there, by all samples."""
-    try:
-        pose = _solved(first, samples.few, place.pose, near.centre, held)
-    except UnlikePairError:
-        # Where they do not overlap, the guess alone tells how likely they lie.
-        return replace(place, misfits=())
-    return Place.at(first, samples, pose, near)
+def _laid(first: SkinPatch, few: Samples, pose: Pose, centre: Array, prior: NDArray) -> Pose:
+    """Pose by the shape alone: nearly, as it slides."""
+    return _solved(partial(of_heights, first, few, centre=centre), pose, centre, prior, steps=2)
 
 
 def _solved(
-    first: SkinPatch,
-    samples: Samples,
+    linearised: Callable[..., PairEquations],
     pose: Pose,
-    centre: NDArray[np.float64],
-    prior: NDArray[np.float64],
-    linearised: Linearised = equations,
-    free: Sequence[int] = range(6),
+    centre: Array,
+    prior: NDArray,
     steps: int = 8,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
-    off, free_both = np.zeros(6), np.ix_(free, free)
+    off = np.zeros(6)
     for _ in range(steps):
-        found = linearised(first, samples, pose, centre)
-        changes = found.both
-        weighted = changes.T * found.weight
-        gradient, step = weighted @ found.residual + prior @ off, np.zeros(6)
-        step[free] = -np.linalg.solve((weighted @ changes + prior)[free_both], gradient[free])
+        found = linearised(pose=pose)
+        weighted = found.both.T * found.weight
+        gradient = weighted @ found.residual + prior @ off
+        step = -np.linalg.solve(weighted @ found.both + prior, gradient)
         pose, off = moved(pose, step, centre), off + step
         # Metres and radians; the last step is by all points, and comes with its information.
-        if np.abs(step).max() < 5e-5:
+        if np.abs(step).max() < 2e-5:
             break
     return pose
-
-
-# Pose by the shape alone; and by the coarse paint, as a patch slides and turns on the skin.
-_laid: Callable[..., Pose] = partial(_solved, linearised=of_heights, steps=2)
-_slid: Callable[..., Pose] = partial(
-    _solved, linearised=partial(of_paint, coarse=True), free=[0, 1, 5], steps=1
-)
 
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
     met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
-    if met.sum() < max(LEAST_FEW, LEAST_OVERLAP * len(place)):
+    if met.sum() <= _LEAST_OVERLAP * len(place):
         raise UnlikePairError(APART)
     return place[met].mean(axis=0)
 
@@ -267,27 +226,16 @@ class Guess:
         Of what both see, metres.
     doubt : ndarray, shape (6, 6)
         Covariance of the shift of the centre, and of the turn about it.
-    known : ndarray, shape (6, 6)
-        The same, by others that are rarely wrong.
     """
 
     pose: Pose
     centre: Array
     doubt: Array
-    known: Array
 
-    def away(self, pose: Pose) -> tuple[Array, float, float]:
-        """How far along the skin a pose shifts the centre, its square in sigmas of the doubt.
-
-        And how unlikely that is by all that is known: twice the logarithm of its odds.
-        """
+    def away(self, pose: Pose) -> tuple[Array, float]:
+        """How far along the skin a pose shifts the centre, and its square in sigmas."""
         shift = ((pose @ self.pose.inverse()).apply(self.centre) - self.centre)[:2]
-        far, near = (
-            float(shift @ np.linalg.solve(each[:2, :2], shift))
-            for each in (self.doubt, self.known)
-        )
-        # Of what others tell, one in ten thousand is wrong.
-        return shift, far, min(near, far - 2 * np.log(1e-4))
+        return shift, float(shift @ np.linalg.solve(self.doubt[:2, :2], shift))
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,9 +250,9 @@ class Place:
         Of the middle of what both see, along the skin, from the guess, metres.
     unlikely : float
         As of `Guess.away`.
-    misfits : tuple of ndarrays, shape (n,)
+    misfits : (ndarray, ndarray), each of shape (n,)
         How far the samples' paints, and their heights, differ from what is below them; NaN where
-        nothing is. Empty where the patches do not overlap: then the guess alone decides.
+        nothing is.
     """
 
     pose: Pose
@@ -313,19 +261,15 @@ class Place:
     misfits: tuple[Array, ...]
 
     @classmethod
-    def at(
-        cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess, rough: bool = False
-    ) -> Place:
-        """Look up what lies below the samples; roughly: by the coarse paint alone."""
-        below, values, met = paints(first, samples, pose, rough)
-        misfits = [np.where(met, np.abs(below[:, 0] - values[:, 0]), np.nan)]
-        if not rough:
-            place = pose.apply(samples.heights)
-            below = first.looked_up(first.surface, place)
-            sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
-            misfits.append(np.abs(place[:, 2] - below[:, 0]) / sigma)
-        shift, _, unlikely = near.away(pose)
-        return cls(pose, shift, unlikely, tuple(misfits))
+    def at(cls, first: SkinPatch, samples: Samples, pose: Pose, near: Guess) -> Place:
+        """Look up what lies below the samples."""
+        below, met = painted(first, samples, pose)
+        paint = np.where(met, np.abs(below[:, 0] - samples.paint_values[:, 0]), np.nan)
+        place = pose.apply(samples.heights)
+        below = first.looked_up(first.surface, place)
+        sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
+        height = np.abs(place[:, 2] - below[:, 0]) / sigma
+        return cls(pose, *near.away(pose), (paint, height))
 
     def is_rival_of(self, best: Place) -> bool:
         """Whether it is not clearly worse than the best place, nor that place found twice."""
@@ -339,7 +283,7 @@ class Place:
         are counted by their own size: as a sum of so many standard deviations.
         """
         evidence = self.unlikely - other.unlikely
-        for mine, others in zip(self.misfits, other.misfits, strict=False):
+        for mine, others in zip(self.misfits, other.misfits, strict=True):
             gain = mine - others
             gain = gain[np.isfinite(gain)]
             square = np.square(gain).sum()
@@ -351,15 +295,15 @@ class Place:
         return float(evidence)
 
 
-def not_worse(places: Iterable[Place], most: int) -> list[Place]:
-    """Of some places the best, then those that are not clearly worse: `most` of them at most."""
+def _best_of(places: Iterable[Place]) -> list[Place]:
+    """The best place, and another one if it is not clearly worse, which is enough to give up."""
     left: list[Place] = []
     for place in places:
         if not left or place.evidence_against(left[0]) < 0:
             left = [place, *(each for each in left if each.is_rival_of(place))]
         elif place.is_rival_of(left[0]):
             left.append(place)
-        if len(left) >= most:
+        if len(left) > 1:
             break
     return left
 
@@ -369,7 +313,7 @@ def candidates(
     second: SkinPatch,
     guess: Pose,
     near: Guess,
-) -> list[Pose]:
+) -> Iterator[Pose]:
     """Poses of the second patch in the first at which their paints look alike, the best first.
 
     Parameters
@@ -393,11 +337,11 @@ def candidates(
         found.sort(key=lambda each: -each[0])
     kept: list[NDArray[np.float64]] = []
     for height, step in found:
-        if height < _RIVAL * found[0][0] or len(kept) > _MOST:
+        if height < _RIVAL * found[0][0]:
             break
         if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
             kept.append(step)
-    return [moved(guess, step, centre) for step in kept]
+            yield moved(guess, step, centre)
 
 
 def _turns(first: SkinPatch, few: Samples, guess: Pose, near: Guess) -> Iterator[float]:
@@ -417,7 +361,7 @@ def _peaks(
     every = max(1, round(_CELL / first.pitch))
     size = every * first.pitch
     steps = np.ceil(reach / size).astype(int)
-    still, still_known = np.moveaxis(first.paints[1][::every, ::every, [0, 3]], -1, 0)
+    still, still_known = np.moveaxis(first.paints[1][::every, ::every], -1, 0)
     shape = np.array(still.shape) + 2 * steps[::-1]
     # On the first one's grid, that begins so many steps before it. Both are taken for flat: what
     # their heights shift by their difference in tilt is less than a cell.
@@ -427,7 +371,7 @@ def _peaks(
     u, v = np.moveaxis(at.astype(np.float32), -1, 0)
     # What lies beyond is not known; a cell beside it is not, either.
     paint = second.paints[1]
-    known = (remap(paint[..., 3], u, v) > 0.99).astype(np.float32)
+    known = (remap(paint[..., 1], u, v) > 0.99).astype(np.float32)
     seen = np.nan_to_num(remap(paint[..., 0], u, v)) * known
     # The second image begins so many steps earlier.
     count, both, ours, theirs = (
@@ -440,8 +384,7 @@ def _peaks(
         )
     )
     value = both / np.sqrt(np.maximum(ours * theirs, 1e-12))
-    # Of the smaller image, that has to overlap.
-    least = max(0.1 * min(still_known.sum(), known.sum()), 1)
+    least = max(_LEAST_OVERLAP * min(still_known.sum(), known.sum()), 1)
     # Of two that are as alike, the one with more in common.
     value *= (count > least) * np.sqrt(np.clip(count / max(count.max(), 1.0), 0, 1))
     highest = cv2.dilate(value, np.ones((5, 5), np.uint8))

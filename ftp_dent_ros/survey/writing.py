@@ -178,8 +178,8 @@ def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
         ('Rig', result.rig_id or 'not known'),
     ]
     if frame is not None:
-        off = float(np.linalg.norm(frame.residuals, axis=1).max()) * 1e3
-        facts.append(('Aircraft', f'{len(frame.residuals)} points, {off:.1f} mm off at most'))
+        off = f'{len(frame.residuals)} points, {frame.worst * 1e3:.1f} mm off at most'
+        facts.append(('Aircraft', off))
     return render(
         'ftp_dent_ros.survey',
         'survey.html',
