@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
 from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
-from ftp_dent_ros.inspection.measuring.lattice import CELLS, ENOUGH, Lattice
+from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
 from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-# Cells of a patch across a place at most.
+# Cells of a patch across a place at most, and a third of those across its window.
 _ACROSS = 32
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
@@ -150,7 +150,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     x, y, depth = skin.contour.deviation(points)
     if skin.relief is not None:
         depth = depth - spread(skin.relief.heights, cv2.INTER_LINEAR)
-    zoom = min(1.0, _ACROSS * spacing / width, math.sqrt(ENOUGH / known.size))
+    zoom = min(1.0, _ACROSS * spacing / width, 3 * _ACROSS / math.sqrt(known.size))
     maps = cv2.merge([x, y, place.sign * depth, spread(skin.noise.stated)])
     (x, y, depth, stated), known = _resized(maps, known, zoom)
     owned = (
