@@ -153,12 +153,12 @@ def _neighbours(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[
 
 
 def _held_by_most_windows(cells: BinGrid, leaps: list[Leaps], inside: NDArray[np.bool_]) -> bool:
-    """Whether edges are within two deviations of a window from most cells."""
+    """Whether edges are within half a fringe of most cells."""
     edges = np.zeros(inside.shape, np.uint8)
     (across, _), (down, _) = leaps
     edges[:, 1:] |= across != 0
     edges[1:] |= down != 0
-    high, wide = (2 * math.ceil(n * 2 * WIDTH) + 1 for n in cells.fringe[::-1])
+    high, wide = (2 * math.ceil(n * WIDTH) + 1 for n in cells.fringe[::-1])
     near = cv2.dilate(edges, np.ones((high, wide), np.uint8)) > 0
     return 2 * np.count_nonzero(near & inside) > np.count_nonzero(inside)
 
