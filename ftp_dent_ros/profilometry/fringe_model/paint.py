@@ -191,5 +191,5 @@ def _integral(leaps: list[Leaps]) -> NDArray[np.float32]:
     of = {'shape': (size, size), 'dtype': np.float32}
     operator, inverse = LinearOperator(matvec=normal, **of), LinearOperator(matvec=even, **of)
     sums = divergence(of_u * across, of_v * down)
-    values: Any = cg(operator, sums, rtol=0, maxiter=_STEPS, M=inverse)[0]
+    values: Any = cg(operator, sums, maxiter=_STEPS, M=inverse)[0]
     return values.reshape(shape)
