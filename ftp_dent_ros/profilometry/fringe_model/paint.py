@@ -1,4 +1,4 @@
-"""Paint whose edges most windows hold: the albedo where it leaps, divided out of the light.
+"""Paint whose edges lie in most windows: the albedo where it leaps, divided out of the light.
 
 Fringes change the light slowly, printed squares and letters at once. What the light's logarithm
 leaps by, and fringes cannot, are the albedo's gradients (eq. 13).
@@ -52,7 +52,8 @@ def divide_paint(
     Returns
     -------
     light : Light
-        That of skin of the mean albedo; the given one unless most windows hold edges of paint.
+        That of skin of the mean albedo; the given one unless edges of paint lie within half a
+        fringe of most of it.
     start : Start
         The first fit to it.
     """
@@ -66,7 +67,7 @@ def divide_paint(
     inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
     for off in _OFF:
         leaps = _leaps(cells, fine, _Fringes.of(grid, cells, start), inside, off)
-        if not _held_by_most_windows(cells, leaps, inside):
+        if not _lie_in_most_windows(cells, leaps, inside):
             break
         paint = _integral(leaps)
         paint -= paint[inside].mean()
@@ -152,7 +153,7 @@ def _neighbours(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[
     return (values[:, :-1], values[:, 1:]) if axis else (values[:-1], values[1:])
 
 
-def _held_by_most_windows(cells: BinGrid, leaps: list[Leaps], inside: NDArray[np.bool_]) -> bool:
+def _lie_in_most_windows(cells: BinGrid, leaps: list[Leaps], inside: NDArray[np.bool_]) -> bool:
     """Whether edges are within half a fringe of most cells."""
     edges = np.zeros(inside.shape, np.uint8)
     (across, _), (down, _) = leaps
