@@ -56,8 +56,8 @@ def kind_of(
     if depth > STEEP * max(width, least):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
     is_sure = depth > COVERAGE * sizes.depth.uncertainty
-    mostly = 2 * sizes.hidden > 1
-    if mostly or (sizes.hidden > CUT and (sizes.shown < CAP * depth or not is_sure)):
+    is_shown = is_sure and sizes.shown >= CAP * depth
+    if sizes.hidden > (1 / 2 if is_shown else CUT):
         return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
     if sizes.is_cut and depth < AT_RIM * settings.smallest_depth:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'

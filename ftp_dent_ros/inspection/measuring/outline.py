@@ -21,6 +21,8 @@ _ALONG = np.linspace(0, 2.2, _SAMPLES)
 _HARMONICS = 8
 # Of the depth, the highest level that an outline is drawn at where noise would draw a lower one.
 _HIGHEST = 0.5
+#: Standard uncertainty of an angle between the points of an outline, radians.
+BETWEEN = math.pi / _RAYS / math.sqrt(12)
 #: Part of an outline, or of what lies beside it, that is not measured and makes it a cut one.
 CUT = 0.05
 

@@ -11,7 +11,13 @@ from scipy import stats
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL
-from ftp_dent_ros.inspection.measuring.outline import Outline, find_outline, is_cut, part_above
+from ftp_dent_ros.inspection.measuring.outline import (
+    BETWEEN,
+    Outline,
+    find_outline,
+    is_cut,
+    part_above,
+)
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
@@ -100,10 +106,11 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     depth, length, width, angle, area, volume = (
         Estimate(float(value), float(each)) for value, each in zip(values, spread, strict=True)
     )
+    turned = math.hypot(angle.uncertainty, BETWEEN)
     half = find_outline(patch, at, depth.value, 0.5, region)
     return Sizes(
         outline,
-        Estimate(angle.value, min(angle.uncertainty, math.pi / math.sqrt(12))),
+        Estimate(angle.value, min(turned, math.pi / math.sqrt(12))),
         depth,
         length,
         width,
