@@ -56,12 +56,12 @@ def kind_of(
     if depth > STEEP * max(width, least):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
     is_sure = depth > COVERAGE * sizes.depth.uncertainty
+    # What shows its bottom may be hidden by half.
     is_shown = is_sure and sizes.shown >= CAP * depth
     if sizes.hidden > (1 / 2 if is_shown else CUT):
         return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
     if sizes.is_cut and depth < AT_RIM * settings.smallest_depth:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
-    # Of a Gaussian 0.47, of a paraboloid 1.1.
     bluntness = 8 * depth * sizes.radius / width**2
     valley = sign > 0 and long
     if valley and _SHARP <= bluntness < 1 and width < _UNRESOLVED * resolution:

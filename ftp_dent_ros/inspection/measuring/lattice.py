@@ -19,7 +19,7 @@ from ftp_dent_ros.robust import median
 FEW = 300
 # A cloud whose neighbours lie so far apart is not in metres.
 _WIDEST_SPACING = 0.05
-#: Points that medians and first contours are taken of, about, and cells of a patch: for speed.
+#: Points that medians and first contours are taken of, about: for speed.
 ENOUGH = 5000
 #: Cells across the smallest dent.
 CELLS = 5
