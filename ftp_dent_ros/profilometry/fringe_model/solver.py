@@ -14,8 +14,8 @@ from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
-# Gauss-Newton rounds before bins choose their windows and as many after; and times that the
-# windows' own smoothing is taken off the shift in each.
+# Gauss-Newton rounds before bins choose their windows, after which there is one; and times that
+# the windows' own smoothing is taken off the shift in each.
 _ROUNDS, _SHARPENED = 2, 2
 #: Wavelength of which half the depth is there after them, fringes: 1.7 along u, where level and
 #: amplitude take a part of it, and 1.3 along v.
@@ -88,42 +88,52 @@ class Solver:
         waveform: Waveform,
     ) -> FringeFit:
         """Fit from a phase that is right to a third of a fringe."""
-        grid = self.grid
-        wave, slope = waveform.at(phase)
-        first = Windows(grid, wave, slope, usable).fit(light)
-        level, amplitude = grid.at_bins(first.level), grid.at_bins(first.amplitude)
-        fit = FringeFit(phase, level, amplitude, *4 * (light,), waveform, np.zeros(2))
-        # Before the phase follows the response, as ripples that the windows do not see again.
-        residual = light - level - amplitude * wave
-        fit, _ = self._learned(fit, residual, wave, slope, self._weight(usable, residual), None)
-        for number in range(_ROUNDS):
-            fit, rest = self._round(light, usable, fit, number)
+        fit = self._started(light, usable, phase, waveform)
+        for _ in range(_ROUNDS):
+            fit, rest = self._round(light, usable, fit)
         # Detail that these have resolved is no edge.
         fit = self._clearest(light, usable, fit, rest, reference)
-        for number in range(_ROUNDS, 2 * _ROUNDS):
-            fit, _ = self._round(light, usable, fit, number)
-        wave, slope = _wave(fit, fit.phase, self._plane)
-        residual = light - fit.level - fit.amplitude * wave
+        fit, _ = self._round(light, usable, fit, is_robust=True)
+        wave, slope, residual = self._misfit(light, fit)
         scale = self._scale(usable, residual)
         return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
-    def _round(self, light, usable, fit, number: int):
+    def _started(self, light, usable, phase, waveform) -> FringeFit:
+        """The first fit, with the response and the blur that its misfit shows.
+
+        The phase of the start is smooth. Later ones follow both as ripples, which the windows do
+        not see again.
+        """
+        fit = FringeFit(phase, *6 * (light,), waveform, np.zeros(2))
+        # The second time about the blur that the first has shown.
+        for _ in range(1 + waveform.has_code):
+            wave, slope = _wave(fit, phase, self._plane)
+            windows = Windows(self.grid, wave, slope, usable)
+            level, amplitude, shift = self._at_bins(windows.fit(light))
+            fit = replace(fit, level=level, amplitude=amplitude)
+            residual = light - level - amplitude * wave
+            by_blur = None
+            if waveform.has_code:
+                residual -= shift * slope
+                by_blur = amplitude * fit.waveform.by_blur(phase)
+                follow = self._at_bins(windows.fit(by_blur))
+                by_blur -= follow[0] + follow[1] * wave + follow[2] * slope
+            fit = self._learned(fit, residual, self._weight(usable, residual), by_blur)
+        shift /= np.maximum(amplitude, 1)
+        return replace(fit, phase=phase + np.clip(shift, -1, 1))
+
+    def _at_bins(self, fit: LocalFit) -> list[NDArray[np.float32]]:
+        return [self.grid.at_bins(each) for each in (fit.level, fit.amplitude, fit.slope)]
+
+    def _round(self, light, usable, fit, is_robust: bool = False):
         """The fit after a round, and what its windows leave of their light."""
-        grid, weight = self.grid, usable
-        wave, slope = _wave(fit, fit.phase, self._plane)
-        residual = light - fit.level - fit.amplitude * wave  # eq. 1
-        if number >= _ROUNDS:
-            weight = self._weight(usable, residual)
+        wave, slope, residual = self._misfit(light, fit)
+        weight = self._weight(usable, residual) if is_robust else usable
         slope *= fit.amplitude
-        windows = Windows(grid, wave, slope, weight)
+        windows = Windows(self.grid, wave, slope, weight)
         change = windows.fit(residual)  # eq. 3
-        sharp = self._sharpened(windows, change, weight)
-        # A start is too far off to show the blur.
-        blurred = windows if number and fit.waveform.has_code else None
-        fit, followed = self._learned(fit, residual, wave, slope, weight, blurred)
-        level, amplitude, shift = (
-            grid.at_bins(each - more) for each, more in zip(sharp, followed, strict=True)
-        )
+        level, amplitude, shift = self._sharpened(windows, change, weight)
+        fit = self._learned(fit, residual, weight)
         np.clip(shift, -1, 1, out=shift)
         for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
             each += more
@@ -132,8 +142,13 @@ class Solver:
         rest[2 * windows.weight <= 1] = np.inf
         return replace(fit, phase=shift, level=level, amplitude=amplitude), rest
 
+    def _misfit(self, light, fit):
+        """F, its derivative, and the light less the model (eq. 1)."""
+        wave, slope = _wave(fit, fit.phase, self._plane)
+        return wave, slope, light - fit.level - fit.amplitude * wave
+
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
-        """Level, amplitude and shift without the windows' own smoothing of them."""
+        """Level, amplitude and shift of the bins without the windows' own smoothing of them."""
         weight = self.grid.at_nodes(weight)
         share = 1 / np.maximum(windows.weight, np.finfo(np.float32).eps)
         sharpened = []
@@ -141,7 +156,7 @@ class Solver:
             sharp = smooth
             for _ in range(_SHARPENED):
                 sharp = sharp + smooth - self.grid.smooth_nodes(weight * sharp, WIDTH) * share
-            sharpened.append(sharp)
+            sharpened.append(self.grid.at_bins(sharp))
         return sharpened
 
     def _weight(self, usable, residual) -> NDArray[np.float32]:
@@ -162,34 +177,19 @@ class Solver:
         scale: NDArray[np.float32] = np.float32(np.pi / 2) * size * size
         return scale
 
-    def _learned(self, fit, residual, wave, slope, weight, windows):
-        """The fit with the waveform's unknowns as every few bins together show them (eq. 4).
-
-        And what level, amplitude and shift of the nodes follow of the blur that was learned.
-        """
+    def _learned(self, fit, residual, weight, by_blur=None) -> FringeFit:
+        """The fit with the waveform's unknowns as every few bins together show them (eq. 4)."""
         few = np.s_[::_EVERY, ::_EVERY]
         phase, amplitude = fit.phase[few], fit.amplitude[few]
         size = np.maximum(amplitude, 1)
-        by_blur: Any = None
-        follow: tuple[Any, ...] = ()
-        if windows is not None:
-            each = windows.fit(fit.amplitude * fit.waveform.by_blur(fit.phase))
-            # What the windows' unknowns follow of the blur does not show it.
-            follow = each.level, each.amplitude, each.slope
-            level, contrast, shift = (self.grid.at_bins(each)[few] for each in follow)
-            by_blur = amplitude * fit.waveform.by_blur(phase)
-            by_blur = (by_blur - level - contrast * wave[few] - shift * slope[few]) / size
-            along_u, along_v = (each[few] for each in self._plane)
-            by_blur = np.stack([by_blur, by_blur * along_u, by_blur * along_v]).reshape(3, -1)
+        if by_blur is not None:
+            by_blur = by_blur[few] / size
+            by_blur = np.stack([by_blur, *(by_blur * each[few] for each in self._plane)])
+            by_blur = by_blur.reshape(3, -1)
         weight = weight[few] * size * size * (amplitude > 1)
         some = (each.ravel() for each in (phase, residual[few] / size, weight))
         waveform, more = fit.waveform.corrected(*some, by_blur)
-        fit = replace(fit, waveform=waveform, slopes=fit.slopes + more[1:])
-        if not follow:
-            return fit, (0, 0, 0)
-        middle, *slopes = more.astype(np.float32)
-        more_blur = self.grid.at_nodes(middle + np.tensordot(slopes, self._plane, axes=1))
-        return fit, [each * more_blur for each in follow]
+        return replace(fit, waveform=waveform, slopes=fit.slopes + more[1:])
 
     def _clearest(self, light, usable, fit, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).

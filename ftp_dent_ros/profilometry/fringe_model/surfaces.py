@@ -88,8 +88,8 @@ class Surfaces:
             away[here] = (phase - nodes.phase(quadric.at(*grid.node_places)))[here]
             here = grid.repeated(here)
             reference[here] = bins.phase(quadric.at(*grid.bin_places))[here]
-        share = np.maximum(grid.smooth_nodes(known.astype(np.float32), WIDTH), 1e-3)
-        smooth = grid.smooth_nodes(away * known, WIDTH) / share
+        share = np.maximum(grid.smooth_nodes(known.astype(np.float32), 2 * WIDTH), 1e-3)
+        smooth = grid.smooth_nodes(away * known, 2 * WIDTH) / share
         away = np.where(np.abs(smooth - away) < _OFF, smooth, away)
         # A surface without a number is whole fringes off its neighbour's, or none.
         beside = nearest(away)

@@ -30,8 +30,8 @@ _BENDS = 4
 _VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
 #: Variance of the blur where no code shows it: a pixel and half a pixel of fringes 10 wide.
 USUAL = 0.3
-# Largest step of the blur's variance in a round, radians^2.
-_STEP = 1.0
+# Largest step of the blur's variance at once, radians^2.
+_STEP = 2.0
 
 
 @dataclass(frozen=True, eq=False)
