@@ -14,9 +14,9 @@ from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 
-# Gauss-Newton rounds before bins choose their windows, after which there is one; and times that
-# the windows' own smoothing is taken off the shift in each.
-_ROUNDS, _SHARPENED = 2, 2
+# Times that the waveform is learned, Gauss-Newton rounds before bins choose their windows, after
+# which there is one, and times that the windows' own smoothing is taken off the shift in each.
+_LEARNED, _ROUNDS, _SHARPENED = 2, 2, 2
 #: Wavelength of which half the depth is there after them, fringes: 1.7 along u, where level and
 #: amplitude take a part of it, and 1.3 along v.
 RESOLVED = 1.45
@@ -99,22 +99,20 @@ class Solver:
         return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
     def _started(self, light, usable, phase, waveform) -> FringeFit:
-        """The first fit, with the response and the blur that its misfit shows.
+        """The first fit, and the waveform's response and blur.
 
-        The phase of the start is smooth. Later ones follow both as ripples, which the windows do
-        not see again.
+        The phase of the start is smooth. Later ones follow response and blur as ripples, so that
+        the light shows them no more.
         """
         fit = FringeFit(phase, *6 * (light,), waveform, np.zeros(2))
-        # The second time about the blur that the first has shown.
-        for _ in range(1 + waveform.has_code):
+        for _ in range(_LEARNED):
             wave, slope = _wave(fit, phase, self._plane)
             windows = Windows(self.grid, wave, slope, usable)
             level, amplitude, shift = self._at_bins(windows.fit(light))
             fit = replace(fit, level=level, amplitude=amplitude)
-            residual = light - level - amplitude * wave
+            residual = light - level - amplitude * wave - shift * slope
             by_blur = None
             if waveform.has_code:
-                residual -= shift * slope
                 by_blur = amplitude * fit.waveform.by_blur(phase)
                 follow = self._at_bins(windows.fit(by_blur))
                 by_blur -= follow[0] + follow[1] * wave + follow[2] * slope
@@ -133,7 +131,6 @@ class Solver:
         windows = Windows(self.grid, wave, slope, weight)
         change = windows.fit(residual)  # eq. 3
         level, amplitude, shift = self._sharpened(windows, change, weight)
-        fit = self._learned(fit, residual, weight)
         np.clip(shift, -1, 1, out=shift)
         for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
             each += more
@@ -177,7 +174,7 @@ class Solver:
         scale: NDArray[np.float32] = np.float32(np.pi / 2) * size * size
         return scale
 
-    def _learned(self, fit, residual, weight, by_blur=None) -> FringeFit:
+    def _learned(self, fit, residual, weight, by_blur) -> FringeFit:
         """The fit with the waveform's unknowns as every few bins together show them (eq. 4)."""
         few = np.s_[::_EVERY, ::_EVERY]
         phase, amplitude = fit.phase[few], fit.amplitude[few]
