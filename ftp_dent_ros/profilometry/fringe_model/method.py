@@ -161,11 +161,14 @@ class FringeModel:
         strip = replace(self.grid, height=high * self.grid.rows)
         light, usable, phase, inside = (each[rows] for each in (light, usable, phase, inside))
 
-        def left(waveform: Waveform) -> float:
-            fit = Windows(strip, *waveform.at(phase), usable).fit(light)
-            return float(np.median(fit.rest[inside]))
+        thirds = np.array_split(np.flatnonzero(inside.any(axis=0)), 3)
 
-        return self._waveform.with_least(left)
+        def left(waveform: Waveform) -> NDArray[np.floating]:
+            rest = Windows(strip, *waveform.at(phase), usable).fit(light).rest
+            return np.array([np.median(rest[:, each][inside[:, each]]) for each in thirds])
+
+        places = np.array([each.mean() for each in thirds]) / (inside.shape[1] - 1) - 0.5
+        return self._waveform.with_least(left, places)
 
     def _points(self, grey, usable, surfaces: Surfaces, fit: FringeFit) -> Points:
         """The points of all surfaces."""

@@ -45,8 +45,6 @@ class FringeFit:
         F and its derivative.
     waveform : Waveform
         With its response and blur.
-    slopes : ndarray, shape (2,)
-        Rise of the blur's variance over the width and height, radians^2.
     """
 
     phase: NDArray[np.float32]
@@ -57,7 +55,6 @@ class FringeFit:
     wave: NDArray[np.float32]
     slope: NDArray[np.float32]
     waveform: Waveform
-    slopes: NDArray[np.float64]
 
 
 class Solver:
@@ -75,9 +72,7 @@ class Solver:
         freedom = grid.bins_in_window
         self._across = np.float32(stats.f.isf(_SIGNIFICANCE, freedom, freedom))
         self._box = np.ones(grid.half_fringe[::-1], np.uint8)
-        rows, columns = grid.shape
-        y, x = np.mgrid[-0.5 : 0.5 : rows * 1j, -0.5 : 0.5 : columns * 1j].astype(np.float32)
-        self._plane = np.stack([x, y])
+        self._places = np.linspace(-0.5, 0.5, grid.shape[1], dtype=np.float32)
 
     def solve(
         self,
@@ -99,29 +94,23 @@ class Solver:
         return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
 
     def _started(self, light, usable, phase, waveform) -> FringeFit:
-        """The first fit, and the waveform's response and blur.
+        """The first fit, and the waveform's response.
 
-        The phase of the start is smooth. Later ones follow response and blur as ripples, so that
-        the light shows them no more.
+        The phase of the start is smooth. Later ones follow the response as ripples, so that the
+        light does not show it any more.
         """
-        fit = FringeFit(phase, *6 * (light,), waveform, np.zeros(2))
+        fit = FringeFit(phase, *6 * (light,), waveform)
         for _ in range(_LEARNED):
-            wave, slope = _wave(fit, phase, self._plane)
-            windows = Windows(self.grid, wave, slope, usable)
-            level, amplitude, shift = self._at_bins(windows.fit(light))
-            fit = replace(fit, level=level, amplitude=amplitude)
+            wave, slope = self._wave(fit, phase)
+            first = Windows(self.grid, wave, slope, usable).fit(light)
+            level, amplitude, shift = (
+                self.grid.at_bins(each) for each in (first.level, first.amplitude, first.slope)
+            )
             residual = light - level - amplitude * wave - shift * slope
-            by_blur = None
-            if waveform.has_code:
-                by_blur = amplitude * fit.waveform.by_blur(phase)
-                follow = self._at_bins(windows.fit(by_blur))
-                by_blur -= follow[0] + follow[1] * wave + follow[2] * slope
-            fit = self._learned(fit, residual, self._weight(usable, residual), by_blur)
+            fit = replace(fit, level=level, amplitude=amplitude)
+            fit = self._learned(fit, residual, self._weight(usable, residual))
         shift /= np.maximum(amplitude, 1)
         return replace(fit, phase=phase + np.clip(shift, -1, 1))
-
-    def _at_bins(self, fit: LocalFit) -> list[NDArray[np.float32]]:
-        return [self.grid.at_bins(each) for each in (fit.level, fit.amplitude, fit.slope)]
 
     def _round(self, light, usable, fit, is_robust: bool = False):
         """The fit after a round, and what its windows leave of their light."""
@@ -139,9 +128,13 @@ class Solver:
         rest[2 * windows.weight <= 1] = np.inf
         return replace(fit, phase=shift, level=level, amplitude=amplitude), rest
 
+    def _wave(self, fit, phase):
+        """F and its derivative in the blur of the columns."""
+        return fit.waveform.at(phase, self._places)
+
     def _misfit(self, light, fit):
         """F, its derivative, and the light less the model (eq. 1)."""
-        wave, slope = _wave(fit, fit.phase, self._plane)
+        wave, slope = self._wave(fit, fit.phase)
         return wave, slope, light - fit.level - fit.amplitude * wave
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
@@ -174,19 +167,14 @@ class Solver:
         scale: NDArray[np.float32] = np.float32(np.pi / 2) * size * size
         return scale
 
-    def _learned(self, fit, residual, weight, by_blur) -> FringeFit:
-        """The fit with the waveform's unknowns as every few bins together show them (eq. 4)."""
+    def _learned(self, fit, residual, weight) -> FringeFit:
+        """The fit with the waveform's response as every few bins together show it (eq. 4)."""
         few = np.s_[::_EVERY, ::_EVERY]
         phase, amplitude = fit.phase[few], fit.amplitude[few]
         size = np.maximum(amplitude, 1)
-        if by_blur is not None:
-            by_blur = by_blur[few] / size
-            by_blur = np.stack([by_blur, *(by_blur * each[few] for each in self._plane)])
-            by_blur = by_blur.reshape(3, -1)
         weight = weight[few] * size * size * (amplitude > 1)
         some = (each.ravel() for each in (phase, residual[few] / size, weight))
-        waveform, more = fit.waveform.corrected(*some, by_blur)
-        return replace(fit, waveform=waveform, slopes=fit.slopes + more[1:])
+        return replace(fit, waveform=fit.waveform.corrected(*some))
 
     def _clearest(self, light, usable, fit, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
@@ -203,13 +191,13 @@ class Solver:
         near = np.flatnonzero(cv2.dilate(across.view(np.uint8), self._box, iterations=2))
         row, column = np.divmod(near, width)
         across, light, usable = (each.ravel()[near] for each in (across, light, usable))
-        ahead, plane = reference.ravel()[near], self._plane.reshape(2, -1)[:, near]
+        ahead = reference.ravel()[near]
         rest = self.grid.repeated(rest).ravel()
         fitted = [each.ravel() for each in (fit.level, fit.amplitude, fit.phase - reference)]
         misfit = np.zeros((height, width), np.float32)
 
         def misfit_of(level, amplitude, away, rest):
-            wave, _ = _wave(fit, ahead + away, plane)
+            wave, _ = fit.waveform.at(ahead + away, self._places[column])
             np.put(misfit, near, usable * np.square(light - level - amplitude * wave))
             # Of the boxes that hold a bin the clearest: at an edge that on its side.
             return cv2.erode(self.grid.around(misfit), self._box).ravel()[near] + rest
@@ -239,11 +227,3 @@ class Solver:
         along_u, along_v = self.grid.fringe
         size = round(_SCALE * along_u / self.grid.node), round(_SCALE * along_v)
         return cv2.blur(self.grid.at_nodes(bins), size)
-
-
-def _wave(fit, phase, plane):
-    """F and its derivative in the blur of places, x and y from the picture's middle."""
-    if not fit.slopes.any():
-        return fit.waveform.at(phase)
-    along_u, along_v = fit.slopes.astype(np.float32)
-    return fit.waveform.at(phase, along_u * plane[0] + along_v * plane[1])

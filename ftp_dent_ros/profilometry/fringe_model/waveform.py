@@ -30,8 +30,6 @@ _BENDS = 4
 _VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
 #: Variance of the blur where no code shows it: a pixel and half a pixel of fringes 10 wide.
 USUAL = 0.3
-# Largest step of the blur's variance at once, radians^2.
-_STEP = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +50,8 @@ class Waveform:
         The blurred light over the samples, its derivative by the phase, and by the variance.
     variance : float
         Of the blur in the middle of the picture, radians^2.
+    rise : float
+        Of that variance over the picture's width.
     response : ndarray, shape (4,)
         Of the polynomials of the orders 2 to 5, over the fundamental.
     """
@@ -62,6 +62,7 @@ class Waveform:
     frequency: NDArray[np.floating]
     straight: NDArray[np.float32]
     variance: float = USUAL
+    rise: float = 0.0
     response: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_BENDS))
 
     @classmethod
@@ -94,14 +95,28 @@ class Waveform:
         """The waveform in the blurs to choose from."""
         return [self.in_blur(each) for each in _VARIANCES]
 
-    def with_least(self, left: Callable[[Waveform], float]) -> Waveform:
-        """The waveform in the blur that leaves least: a parabola through the best choices."""
+    def with_least(
+        self, left: Callable[[Waveform], NDArray[np.floating]], places: NDArray[np.floating]
+    ) -> Waveform:
+        """The waveform in the blur that leaves least: a parabola through the best choices.
+
+        Parameters
+        ----------
+        left : callable
+            Computes what a waveform leaves of the light at the places.
+        places : ndarray, shape (places,)
+            From -0.5 to 0.5 over the picture's width.
+        """
         misfits = np.array([left(each) for each in self.in_blurs])
-        middle = int(np.clip(misfits.argmin(), 1, len(misfits) - 2))
-        near = slice(middle - 1, middle + 2)
-        bend, slope, _ = np.polyfit(_VARIANCES[near], misfits[near], 2)
-        lowest = -slope / (2 * bend) if bend > 0 else _VARIANCES[misfits.argmin()]
-        return self.in_blur(float(np.clip(lowest, 0, _VARIANCES[-1])))
+        lowest = []
+        for each in misfits.T:
+            middle = int(np.clip(each.argmin(), 1, len(each) - 2))
+            near = slice(middle - 1, middle + 2)
+            bend, slope, _ = np.polyfit(_VARIANCES[near], each[near], 2)
+            least = -slope / (2 * bend) if bend > 0 else _VARIANCES[each.argmin()]
+            lowest.append(np.clip(least, 0, _VARIANCES[-1]))
+        rise, variance = np.polyfit(places, lowest, 1)
+        return replace(self.in_blur(float(max(variance, 0))), rise=float(rise))
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float32], ...]:
@@ -112,20 +127,16 @@ class Waveform:
         return chebyshev.chebval(light, bent), steep * slope, steep * by_blur, light
 
     def at(
-        self, phase: NDArray[np.float32], more_blur: NDArray[np.float32] | None = None
+        self, phase: NDArray[np.float32], place: NDArray[np.float32] | float = 0.0
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """F and dF / d phase at phases, in a blur whose variance is so much more (radians^2)."""
+        """F and dF / d phase at phases, at places of the picture from -0.5 to 0.5 of its width."""
         light, slope, by_blur, _ = self.tables
         index, beyond = self._nearest(phase)
         slope = slope.take(index, mode='clip')
         wave = light.take(index, mode='clip') + slope * beyond
-        if more_blur is not None:
-            wave += more_blur * by_blur.take(index, mode='clip')
+        if self.rise:
+            wave += np.float32(self.rise) * place * by_blur.take(index, mode='clip')
         return wave, slope
-
-    def by_blur(self, phase: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Derivative of F by the blur's variance at phases."""
-        return self.tables[2].take(self._nearest(phase)[0], mode='clip')
 
     def _nearest(self, phase):
         """Index of the nearest sample, and what the phase is beyond it, radians."""
@@ -141,36 +152,21 @@ class Waveform:
         phase: NDArray[np.float32],
         misfit: NDArray[np.float32],
         weight: NDArray[np.float32],
-        by_blur: NDArray[np.float32] | None,
-    ) -> tuple[Waveform, NDArray[np.float64]]:
-        """Waveform, and the change of the blur's plane, that a misfit shows (eq. 4).
+    ) -> Waveform:
+        """The waveform with the response that a misfit shows (eq. 4).
 
         Parameters
         ----------
         phase, misfit, weight : ndarray, shape (samples,)
             The misfit is over the amplitude.
-        by_blur : ndarray, shape (3, samples), or None
-            Derivative of the light by the blur's variance in the middle of the picture, and by
-            its rise over the width and height.
-
-        Returns
-        -------
-        waveform : Waveform
-        more : ndarray, shape (3,)
-            Of the blur's variance in the middle, and of its rise over width and height.
         """
         straight = self.tables[3].take(self._nearest(phase)[0], mode='clip')
         bends = chebyshev.chebvander(straight, _BENDS + 1).T[2:]
-        terms = np.vstack([bends, *(() if by_blur is None else by_blur)])
-        weighted = terms * weight
-        normal = (weighted @ terms.T).astype(float)
+        weighted = bends * weight
+        normal = (weighted @ bends.T).astype(float)
         ridge = 1e-9 + 1e-6 * np.trace(normal)
         more = np.linalg.solve(normal + ridge * np.eye(len(normal)), weighted @ misfit)
-        blur = np.zeros(3) if by_blur is None else np.clip(more[_BENDS:], -_STEP, _STEP)
-        response = self.response + more[:_BENDS]
-        blur[0] = np.clip(self.variance + blur[0], 0, _VARIANCES[-1]) - self.variance
-        blurred = self.in_blur(self.variance + float(blur[0])) if blur[0] else self
-        return replace(blurred, response=response), blur
+        return replace(self, response=self.response + more)
 
 
 def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]:
