@@ -99,18 +99,19 @@ class Solver:
         The phase of the start is smooth. Later ones follow the response as ripples, so that the
         light does not show it any more.
         """
-        fit = FringeFit(phase, *6 * (light,), waveform)
+        grid, fit = self.grid, FringeFit(phase, *6 * (light,), waveform)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
-            first = Windows(self.grid, wave, slope, usable).fit(light)
+            first = Windows(grid, wave, slope, usable).fit(light)
             level, amplitude, shift = (
-                self.grid.at_bins(each) for each in (first.level, first.amplitude, first.slope)
+                grid.at_bins(each) for each in (first.level, first.amplitude, first.slope)
             )
             residual = light - level - amplitude * wave - shift * slope
             fit = replace(fit, level=level, amplitude=amplitude)
             fit = self._learned(fit, residual, self._weight(usable, residual))
-        shift /= np.maximum(amplitude, 1)
-        return replace(fit, phase=phase + np.clip(shift, -1, 1))
+        # As smooth as level and amplitude are: they and the phase show noise alike (eq. 8).
+        shift = np.clip(first.slope / np.maximum(first.amplitude, 1), -1, 1)
+        return replace(fit, phase=phase + grid.at_bins(grid.smooth_nodes(shift, WIDTH)))
 
     def _round(self, light, usable, fit, is_robust: bool = False):
         """The fit after a round, and what its windows leave of their light."""
