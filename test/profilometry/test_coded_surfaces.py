@@ -153,10 +153,7 @@ def test_a_surface_too_narrow_for_a_word_is_left_out_and_told():
     assert measured.coverage.missing[UNNUMBERED] > 0.02
 
 
-RIPPLE = pytest.mark.xfail(reason='0.005 rad: the blur is learned too small')
-
-
-@pytest.mark.parametrize('defocus', [0.4, 0.7, pytest.param(1.0, marks=RIPPLE)])
+@pytest.mark.parametrize('defocus', [0.4, 0.7, 1.0])
 def test_no_ripple_of_the_code_is_left_in_or_out_of_focus(defocus):
     skin = sheet((-0.2, 0.2, -0.15, 0.15))
     scene = Scene.of(skin, projected=CODED.draw(), defocus_px=defocus, **CLEAN)

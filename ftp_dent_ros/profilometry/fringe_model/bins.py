@@ -97,6 +97,11 @@ class BinGrid:
         return self.places(*self.bin_positions())
 
     @cached_property
+    def across(self) -> NDArray[np.float32]:
+        """Columns of the bins, from -0.5 to 0.5 over the width."""
+        return np.linspace(-0.5, 0.5, self.shape[1], dtype=np.float32)
+
+    @cached_property
     def node_places(self):
         """Places of the nodes."""
         return self.places(*self.node_positions())

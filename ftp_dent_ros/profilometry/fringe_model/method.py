@@ -164,7 +164,7 @@ class FringeModel:
         thirds = np.array_split(np.flatnonzero(inside.any(axis=0)), 3)
 
         def left(waveform: Waveform) -> NDArray[np.floating]:
-            rest = Windows(strip, *waveform.at(phase), usable).fit(light).rest
+            rest = Windows(strip, *waveform.at(phase, strip.across), usable).fit(light).rest
             return np.array([np.median(rest[:, each][inside[:, each]]) for each in thirds])
 
         places = np.array([each.mean() for each in thirds]) / (inside.shape[1] - 1) - 0.5

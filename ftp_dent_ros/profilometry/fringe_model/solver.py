@@ -72,7 +72,6 @@ class Solver:
         freedom = grid.bins_in_window
         self._across = np.float32(stats.f.isf(_SIGNIFICANCE, freedom, freedom))
         self._box = np.ones(grid.half_fringe[::-1], np.uint8)
-        self._places = np.linspace(-0.5, 0.5, grid.shape[1], dtype=np.float32)
 
     def solve(
         self,
@@ -131,7 +130,7 @@ class Solver:
 
     def _wave(self, fit, phase):
         """F and its derivative in the blur of the columns."""
-        return fit.waveform.at(phase, self._places)
+        return fit.waveform.at(phase, self.grid.across)
 
     def _misfit(self, light, fit):
         """F, its derivative, and the light less the model (eq. 1)."""
@@ -198,7 +197,7 @@ class Solver:
         misfit = np.zeros((height, width), np.float32)
 
         def misfit_of(level, amplitude, away, rest):
-            wave, _ = fit.waveform.at(ahead + away, self._places[column])
+            wave, _ = fit.waveform.at(ahead + away, self.grid.across[column])
             np.put(misfit, near, usable * np.square(light - level - amplitude * wave))
             # Of the boxes that hold a bin the clearest: at an edge that on its side.
             return cv2.erode(self.grid.around(misfit), self._box).ravel()[near] + rest

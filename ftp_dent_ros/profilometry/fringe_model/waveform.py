@@ -8,7 +8,7 @@ Blur and response are global unknowns of the fit.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -25,9 +25,9 @@ _SAMPLES = 128
 _BEYOND = 4
 # Polynomials of the response, orders 2 to 5.
 _BENDS = 4
-# Variances of the blur to choose from at first, radians^2: even steps of its width, so near that
-# the fit finds the way; the largest leaves a tenth of the fringes.
-_VARIANCES = np.square(np.linspace(0.0, 2.1, 8))
+# Widths of the blur to choose from, radians: the largest leaves a tenth of the fringes. And
+# factors on the chosen one to choose it better: half a step of most of them.
+_WIDTHS, _NEARER = np.linspace(0.3, 2.1, 5), np.array([0.8, 1.0, 1.2])
 #: Variance of the blur where no code shows it: a pixel and half a pixel of fringes 10 wide.
 USUAL = 0.3
 
@@ -81,19 +81,19 @@ class Waveform:
             np.empty((3, 0), np.float32),
         ).in_blur(USUAL)
 
-    def in_blur(self, variance: float) -> Waveform:
-        """The waveform in a blur of some variance, radians^2."""
+    def in_blur(self, variance: float, rise: float = 0.0) -> Waveform:
+        """The waveform in a blur of some variance and its rise, radians^2."""
         # Over the carrier's own loss, which is the amplitude's.
         half = (1 - np.square(self.frequency)) / 2
         blurred = self.spectrum * np.exp(variance * half)
         spectra = np.stack([blurred, 1j * self.frequency * blurred, half * blurred])
         straight = irfft(spectra.astype(np.complex64), 2 * (len(self.frequency) - 1))
-        return replace(self, straight=straight, variance=variance)
+        return replace(self, straight=straight, variance=variance, rise=rise)
 
     @cached_property
     def in_blurs(self) -> list[Waveform]:
         """The waveform in the blurs to choose from."""
-        return [self.in_blur(each) for each in _VARIANCES]
+        return [self.in_blur(each**2) for each in _WIDTHS]
 
     def with_least(
         self, left: Callable[[Waveform], NDArray[np.floating]], places: NDArray[np.floating]
@@ -107,16 +107,12 @@ class Waveform:
         places : ndarray, shape (places,)
             From -0.5 to 0.5 over the picture's width.
         """
-        misfits = np.array([left(each) for each in self.in_blurs])
-        lowest = []
-        for each in misfits.T:
-            middle = int(np.clip(each.argmin(), 1, len(each) - 2))
-            near = slice(middle - 1, middle + 2)
-            bend, slope, _ = np.polyfit(_VARIANCES[near], each[near], 2)
-            least = -slope / (2 * bend) if bend > 0 else _VARIANCES[each.argmin()]
-            lowest.append(np.clip(least, 0, _VARIANCES[-1]))
-        rise, variance = np.polyfit(places, lowest, 1)
-        return replace(self.in_blur(float(max(variance, 0))), rise=float(rise))
+        variances = _lowest(_WIDTHS, [left(each) for each in self.in_blurs]) ** 2
+        rise, variance = np.polyfit(places, variances, 1)
+        nearer = [self.in_blur(each**2 * variance, each**2 * rise) for each in _NEARER]
+        factors = _lowest(_NEARER, [left(each) for each in nearer])
+        rise, variance = np.polyfit(places, (variance + rise * places) * factors**2, 1)
+        return self.in_blur(variance, rise)
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float32], ...]:
@@ -167,6 +163,20 @@ class Waveform:
         ridge = 1e-9 + 1e-6 * np.trace(normal)
         more = np.linalg.solve(normal + ridge * np.eye(len(normal)), weighted @ misfit)
         return replace(self, response=self.response + more)
+
+
+def _lowest(
+    places: NDArray[np.floating], values: Sequence[NDArray[np.floating]]
+) -> NDArray[np.float64]:
+    """For each column of values the place of the least: by a parabola through the three about."""
+    lowest = []
+    for each in np.transpose(values):
+        middle = int(np.clip(each.argmin(), 1, len(each) - 2))
+        near = slice(middle - 1, middle + 2)
+        bend, slope, _ = np.polyfit(places[near], each[near], 2)
+        least = -slope / (2 * bend) if bend > 0 else places[each.argmin()]
+        lowest.append(np.clip(least, places[0], places[-1]))
+    return np.array(lowest)
 
 
 def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]:
