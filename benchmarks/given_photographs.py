@@ -9,12 +9,20 @@ from __future__ import annotations
 
 import json
 import math
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measures import MM, PAPERS_METHOD, Figures, attempt, of_dents, of_points, root_mean_square
+from measures import (
+    MM,
+    PAPERS_METHOD,
+    Figures,
+    attempt,
+    of_dents,
+    of_points,
+    pixel_of,
+    root_mean_square,
+)
 from numpy.typing import NDArray
 
 from ftp_dent_ros import inspect, reconstruct
@@ -78,9 +86,9 @@ def _rendered(image: Path, settings: dict[str, Any]) -> Figures:
         figures |= of_points(cloud, (cloud.points[..., 2] - depth) * along, lit)
         if not settings:
             told = json.loads(image.with_name('scene.json').read_text())['dents']
-            pixel = partial(_pixel, rig, step)
-            true = [dent for dent in map(_true_dent, told) if _in_view(lit, *pixel(dent))]
-            figures |= of_dents(inspect(cloud), true)
+            pixels = {dent: pixel_of(rig, step, dent) for dent in map(_true_dent, told)}
+            shown = {dent: at for dent, at in pixels.items() if _in_view(lit, *at)}
+            figures |= of_dents(inspect(cloud), list(shown), list(shown.values()))
     return figures
 
 
@@ -89,11 +97,6 @@ def _true_dent(told: dict[str, Any]) -> TrueDent:
     depth, length, width = (told[k] / MM for k in ('depth_mm', 'length10_mm', 'width10_mm'))
     nowhere = np.empty((0, 3))
     return TrueDent('dent', place, normal, normal, depth, length, width, nowhere, nowhere)
-
-
-def _pixel(rig: Rig, step: int, dent: TrueDent) -> tuple[int, int]:
-    column, row = np.rint(rig.camera.project(dent.position) / step).astype(int)
-    return int(row), int(column)
 
 
 def _in_view(lit: NDArray[np.bool_], row: int, column: int) -> bool:

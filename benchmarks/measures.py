@@ -18,8 +18,9 @@ from photographs import KINDS, PAPER, STRIDE, Kind, Scene
 
 from ftp_dent_ros import inspect, reconstruct
 from ftp_dent_ros.cloud.cloud import Cloud
-from ftp_dent_ros.dents.dent import Inspection, MeasuredDent
+from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
 from ftp_dent_ros.pattern.pattern import CODES
+from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation.truth import TrueDent, match_truth, true_dents
 
 MM = 1e3
@@ -29,6 +30,8 @@ PAPERS_METHOD = 'virtual-reference'
 WILD = 4
 # How far off its truth what is found may lie at least, metres.
 NEAREST = 0.010
+# Kinds that a true dent counts as listed under.
+_DENTED = 'dent', 'crease'
 # Around a fitting what is found is its own; around a dent it is part of that; metres.
 _BESIDE_FITTING, _BESIDE_DENT = 0.006, 0.03
 
@@ -81,9 +84,14 @@ def visible(scene: Scene, truth: GroundTruth) -> list[TrueDent]:
 def of_dents(
     found: Inspection,
     true: list[TrueDent],
+    pixels: list[tuple[int, int]],
     elsewhere: Callable[[MeasuredDent], bool] = lambda _: True,
 ) -> Figures:
-    """Of what is found, `elsewhere` telling what is on nothing that is known of."""
+    """Of what is found, `elsewhere` telling what is on nothing that is known of.
+
+    The row and column of each true dent's centre is where its inspection says from which depth
+    on dents are findable: of those deeper, and as wide as that is of, it counts the kinds.
+    """
     listed = [m for m in (*found.dents, *found.others) if m.kind != 'step']
     reaches = [max(NEAREST, t.length / 2) for t in true]
     pairs = match_truth([m.position for m in listed], [t.position for t in true], reaches)
@@ -93,6 +101,16 @@ def of_dents(
     if not true:
         return figures
     figures['found'] = len(pairs) / len(true)
+    findable = [
+        listed[pairs[i]].kind if i in pairs else ''
+        for i, (dent, at) in enumerate(zip(true, pixels, strict=True))
+        if dent.depth > found.findable[at] and dent.width >= SmallestDent().smallest_width
+    ]
+    if findable:
+        dented, nothing = sum(kind in _DENTED for kind in findable), findable.count('')
+        shares = dented, len(findable) - dented - nothing, nothing
+        names = 'findable_listed', 'findable_doubted', 'findable_missed'
+        figures |= {n: s / len(findable) for n, s in zip(names, shares, strict=True)}
     matched = [(listed[j], true[i]) for i, j in pairs.items()]
     if matched:
         off = [abs(m.depth.value / t.depth - 1) for m, t in matched]
@@ -105,6 +123,12 @@ def of_dents(
         ]
         figures[f'{name}_over_u'] = root_mean_square(ratios)
     return figures
+
+
+def pixel_of(rig: Rig, step: int, dent: TrueDent) -> tuple[int, int]:
+    """Row and column of a dent's centre, of every `step`-th pixel."""
+    column, row = np.rint(rig.camera.project(dent.position) / step).astype(int)
+    return int(row), int(column)
 
 
 def fittings(scene: Scene) -> list[tuple[NDArray, float]]:
@@ -136,7 +160,8 @@ def of_photograph(
             figures |= of_points(cloud, error, truth.lit)
         if 'method' not in settings:
             true = [] if truth is None else visible(scene, truth)
-            figures |= of_dents(inspect(cloud), true, elsewhere)
+            pixels = [pixel_of(scene.rig, STRIDE, dent) for dent in true]
+            figures |= of_dents(inspect(cloud), true, pixels, elsewhere)
     return figures
 
 

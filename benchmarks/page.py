@@ -18,8 +18,11 @@ was made elsewhere: `eval` by another renderer, `real` with a camera.
 
 - Coverage: of the lit skin. MAE, and what 95 % of the errors are below: along the rays.
 - Error / sigma: root mean square of the points' errors over their stated uncertainty.
-- Found: of the dents in view. False: dents, bumps, creases and gouges in a photograph where there
-  is none; in doubt: what else is listed there. Depth off: the median error over the depth.
+- Found: of the dents in view. Findable: of those as wide as the smallest dent that are deeper
+  than what is stated as findable at their place; they are listed as dents or creases, or in doubt
+  as anything else, or not at all.
+- False: dents, bumps, creases and gouges in a photograph where there is none; in doubt: what else
+  is listed there. Depth off: the median error over the depth.
 - / u: root mean square of errors over their stated uncertainty.
 - Refused: part of the draws that give no result.
 - `stripe` and `contrast` are the patterns; `virtual-reference` is the paper's method.

@@ -5,7 +5,8 @@ With sizes on the contour at 10 % of the depth:
 - nothing: shallower than the smallest dent; or surely narrower, and no valley: a rivet.
 - *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
   as where a wing's root meets the fuselage; or its bottom is not measured; or the rim of the
-  measured area cuts it; or it is narrower than the smallest dent, or may be shorter.
+  measured area cuts it, and what is seen of it is shallow or narrower than the smallest dent; or
+  it is narrower than that, or may be shorter.
 - *bump*: outward.
 - *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
   the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.47 of it, a paraboloid
@@ -60,7 +61,7 @@ def kind_of(
     is_shown = is_sure and sizes.shown >= CAP * depth
     if sizes.hidden > (1 / 2 if is_shown else CUT):
         return 'other', f'not measured at its bottom: at least {1e3 * sizes.shown:.2f} mm deep'
-    if sizes.is_cut and depth < AT_RIM * settings.smallest_depth:
+    if sizes.is_cut and min(depth / AT_RIM / settings.smallest_depth, width / least) < 1:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
     bluntness = 8 * depth * sizes.radius / width**2
     valley = sign > 0 and long

@@ -155,14 +155,21 @@ class Lattice:
 def _before_denoising(
     cloud: Cloud, viewpoint: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Points as the photograph alone has them, and their uncertainty, where the cloud has both."""
+    """Points as the photograph alone has them, and their uncertainty, where the cloud has both.
+
+    Denoising takes small dents off. But where the photograph is much noisier than it usually is,
+    as beside the edges of light, it knows more, and what it took off is put back in part.
+    """
     known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
     if not known.any():
         return cloud.points, cloud.sigma
     rays = _moved(cloud.points, -viewpoint)
     x, y, z = cv2.split(rays)
     distance = np.maximum(cv2.magnitude(cv2.magnitude(x, y), z), np.finfo(np.float32).tiny)
-    shift = np.where(known, cloud.raw, np.float32(0)) / distance
+    # Twice as noisy is much, and what is four times as noisy weighs a quarter.
+    much = np.float32(2 * median(cloud.noise[known]))
+    share = np.square(much / np.fmax(cloud.noise, much))
+    shift = share * np.where(known, cloud.raw, np.float32(0)) / distance
     moved = cv2.multiply(rays, cv2.merge([shift] * 3)) + cloud.points
     return np.float32(moved), np.where(known, cloud.noise, cloud.sigma)
 

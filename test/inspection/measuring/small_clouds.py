@@ -22,11 +22,15 @@ def cloud_of(*panels, noise=5e-6, seed=0):
     v, u = np.mgrid[:ROWS, :COLUMNS]
     x, y = (u - (COLUMNS - 1) / 2) * PIXEL, (v - (ROWS - 1) / 2) * PIXEL
     rays = np.stack([x, y, np.ones_like(x)], axis=-1)
-    white = np.random.default_rng(seed).normal(size=(ROWS + 16, COLUMNS + 16))
-    smooth = cv2.GaussianBlur(white, (0, 0), 1.5)[8:-8, 8:-8] * (2 * np.sqrt(np.pi) * 1.5)
-    depth = Surface(panels).intersect(rays) + noise * smooth
+    depth = Surface(panels).intersect(rays) + noise * correlated(seed)
     points = (rays * depth[..., None]).astype(np.float32)
     return Cloud(points, np.full(depth.shape, 80, np.float32))
+
+
+def correlated(seed):
+    """Noise of variance 1."""
+    white = np.random.default_rng(seed).normal(size=(ROWS + 16, COLUMNS + 16))
+    return cv2.GaussianBlur(white, (0, 0), 1.5)[8:-8, 8:-8] * (2 * np.sqrt(np.pi) * 1.5)
 
 
 def raised(cloud, depths):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.special import erf
-from small_clouds import COLUMNS, ROWS, cloud_of, panel, raised
+from small_clouds import COLUMNS, ROWS, cloud_of, correlated, panel, raised
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import SmallestDent
@@ -320,6 +320,18 @@ def test_a_cloud_without_any_noise_is_inspected():
     known = np.full_like(nothing, 1e-6)
     found = inspect(Cloud(points, nothing, known, raw=nothing, noise=known))
     assert found.dents == found.others == ()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_dent_through_a_noisy_strip_is_as_deep_as_denoising_leaves_it(seed):
+    clear = cloud_of(panel(Dent(0, 0, 0.04, 0.04, 5e-4)), noise=0.0)
+    noise = np.full((ROWS, COLUMNS), 1e-5, np.float32)
+    noise[:, 92:108] = 1e-4
+    raw = (noise * correlated(seed)).astype(np.float32)
+    found = inspect(Cloud(clear.points, clear.intensity, noise / 2, raw=raw, noise=noise))
+    (dent,) = found.dents
+    assert not found.others
+    assert dent.depth.value == pytest.approx(5e-4, rel=0.1)
 
 
 def test_millimetres_are_recognised():
