@@ -161,7 +161,8 @@ class FringeModel:
         strip = replace(self.grid, height=high * self.grid.rows)
         light, usable, phase, inside = (each[rows] for each in (light, usable, phase, inside))
 
-        thirds = np.array_split(np.flatnonzero(inside.any(axis=0)), 3)
+        columns = np.flatnonzero(inside.any(axis=0))
+        thirds = np.array_split(columns, min(3, len(columns)))
 
         def left(waveform: Waveform) -> NDArray[np.floating]:
             rest = Windows(strip, *waveform.at(phase, strip.across), usable).fit(light).rest

@@ -28,6 +28,8 @@ _BENDS = 4
 # Widths of the blur to choose from, radians: the largest leaves a tenth of the fringes. And
 # factors on the chosen one to choose it better: half a step of most of them.
 _WIDTHS, _NEARER = np.linspace(0.3, 2.1, 5), np.array([0.8, 1.0, 1.2])
+# Uncertainty of the variance in a third of the picture, over that of its rise beforehand.
+_KNOWN = 0.1
 #: Variance of the blur where no code shows it: a pixel and half a pixel of fringes 10 wide.
 USUAL = 0.3
 
@@ -107,12 +109,16 @@ class Waveform:
         places : ndarray, shape (places,)
             From -0.5 to 0.5 over the picture's width.
         """
-        variances = _lowest(_WIDTHS, [left(each) for each in self.in_blurs]) ** 2
-        rise, variance = np.polyfit(places, variances, 1)
+        line = np.vstack([np.column_stack([np.ones(len(places)), places]), [0, _KNOWN]])
+
+        def chosen(variances: NDArray[np.floating]) -> tuple[float, float]:
+            (variance, rise), *_ = np.linalg.lstsq(line, np.append(variances, 0), rcond=None)
+            return max(float(variance), _WIDTHS[0] ** 2), float(rise)
+
+        variance, rise = chosen(_lowest(_WIDTHS, [left(each) for each in self.in_blurs]) ** 2)
         nearer = [self.in_blur(each**2 * variance, each**2 * rise) for each in _NEARER]
         factors = _lowest(_NEARER, [left(each) for each in nearer])
-        rise, variance = np.polyfit(places, (variance + rise * places) * factors**2, 1)
-        return self.in_blur(variance, rise)
+        return self.in_blur(*chosen((variance + rise * places) * factors**2))
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float32], ...]:
