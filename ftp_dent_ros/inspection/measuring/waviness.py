@@ -24,8 +24,8 @@ _GRID = 2.0
 _TURNS = 10
 # A relief leaves less than this part of what it explains.
 _LEFT = 0.5
-#: Smallest widths about a dent within which its edge runs out; so wide are holes that show a
-# fit's error.
+#: Smallest widths about a dent within which its edge runs out. Holes that show a fit's error are
+# so wide to each side: narrower ones would show noise.
 AROUND = 1.5
 
 Field = NDArray[np.float64]
@@ -56,8 +56,8 @@ class Relief:
 
     def uncertainty(self, width: float) -> float:
         """Standard uncertainty under the middle of a dent, metres."""
-        # The error of an interpolated curve grows with the square of the gap, up to all of it.
-        return min(self.under_hole * max(width / self.hole, 1.0) ** 2, self.amplitude)
+        # The error of an interpolated curve goes with the square of the gap, up to all of it.
+        return min(self.under_hole * (width / self.hole) ** 2, self.amplitude)
 
 
 def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> Relief | None:
@@ -91,7 +91,7 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
         for each in (np.float32(smooth), np.float32(2 * np.abs(smooth - again)))
     )
     amplitude = math.sqrt(2) * float(fine[np.isfinite(deviation)].std())
-    hole = AROUND * smallest
+    hole = 2 * AROUND * smallest
     return Relief(fine, lacks, amplitude, fit.error_under(hole), hole)
 
 
@@ -133,7 +133,8 @@ class _Plate:
         period = 2 * hole
         off_x, off_y = (np.abs(each % period - period / 2) for each in (x, y))
         distance = np.hypot(off_x, off_y[:, None])
-        middle = (distance < hole / 6) & (self.weight > 0.9)
+        # Some cell of the grid is so near the middle of each hole.
+        middle = (distance <= math.hypot(*self._spacing) / 2) & (self.weight > 0.9)
         if not middle.any():
             return math.inf
         missed = self.through(np.where(distance < hole / 2, 0.0, self.weight)) - self.values
