@@ -407,6 +407,18 @@ def test_noise_does_not_draw_the_outline_of_a_faint_dent(seed):
         assert abs(seen.value - true) < min(0.4 * true, 3 * seen.uncertainty)
 
 
+@pytest.mark.parametrize('width', [0.009, 0.01, 0.011, 0.012])
+def test_dents_half_as_wide_as_waves_are_found_between_them(width):
+    waves = 6e-5 * np.sin(2 * np.pi * X / 0.12 + 1) * np.sin(2 * np.pi * Y / 0.16)
+    places = (-0.06, -0.04), (0.05, 0.03)
+    dents = sum(2e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / 0.015**2) for x, y in places)
+    cloud = raised(cloud_of(panel(), noise=6e-6), waves + dents)
+    found = inspect(cloud, SmallestDent(5e-5, width)).dents
+    assert [each.kind for each in found] == ['dent', 'dent']
+    for each in found:
+        assert abs(each.depth.value - 2e-4) < 3 * each.depth.uncertainty
+
+
 def test_hail_is_found_on_wavy_skin_and_the_waviness_is_told_apart():
     waves = 1e-4 * np.sin(2 * np.pi * X / 0.15) * np.cos(2 * np.pi * Y / 0.2)
     places = [(-0.06, -0.03), (0.0, 0.03), (0.06, -0.02)]
