@@ -158,7 +158,7 @@ def _fitted(points: Sequence[ReferencePoint]) -> tuple[AircraftFrame, float]:
     pose = Pose(rotation, middle - rotation.apply(start))
     off = there - pose.apply(here)
     misfit = float(weights @ np.square(off).sum(axis=1))
-    jacobians = np.stack([about(place - middle) for place in pose.apply(here)])
+    jacobians = about(pose.apply(here) - middle)
     information = np.einsum('n,nij,nik->jk', weights, jacobians, jacobians)
     covariance = np.linalg.inv(information + 1e-9 * np.eye(6))
     return AircraftFrame(pose, middle, covariance, off), misfit

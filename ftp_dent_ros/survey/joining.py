@@ -91,9 +91,11 @@ class Joining:
         guess = self._guess(pose, flight)
         if number and pose is not None and not self.graph.placed:
             # Those before lie where this one does.
-            self.graph.carry(guess @ self.graph.pose(-1).inverse())
-        stated = (guess, None) if pose is None else (pose, covariance)
-        self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
+            move = guess @ self.graph.pose(-1).inverse()
+            for before in range(number):
+                self.graph.put(before, move @ self.graph.pose(before))
+        spread = None if pose is None else covariance
+        self.graph.add(Node(pose, spread, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
         self.footprints.append(footprint)
         self._kept[number] = lambda: patch
@@ -172,7 +174,7 @@ class Joining:
         last, there = self.graph.nodes[-1], self.graph.pose(-1)
         if stated is None:
             return there
-        is_told = last.covariance is not None and last.flight == flight
+        is_told = last.stated is not None and last.flight == flight
         return there @ last.stated.inverse() @ stated if is_told else stated
 
     def _follow(self, number: int) -> None:
@@ -186,7 +188,7 @@ class Joining:
                 self.graph.link(first, number, relative)
                 # A guess for the others that is nearly right.
                 if number - first == 1 and relative.rank == 6:
-                    self.graph.follow(number)
+                    self.graph.put(number, self.graph.pose(first) @ relative.pose)
 
     def _laid(self, first: int, second: int, is_far: bool = False) -> RelativePose | None:
         """Pose of a cloud seen from an earlier one, however far off; None if it does not fit."""
@@ -279,7 +281,9 @@ class Joining:
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""
-        return self.graph.in_map(numbers, [self.footprints[each].middle for each in numbers])
+        at = np.asarray(numbers, np.intp)
+        middles = np.stack([self.footprints[each].middle for each in numbers])
+        return (self.graph.turns[at] @ middles[..., None])[..., 0] + self.graph.places[at]
 
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes

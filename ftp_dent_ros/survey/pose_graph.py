@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,12 @@ from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
-from scipy.special import expit
+from scipy.special import expit, softmax
 
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import (
+    about,
     changes,
-    crossed,
     motions,
     rotation_vectors,
     spread_of_shift,
@@ -36,7 +35,7 @@ from ftp_dent_ros.survey.information import COMMON, RelativePose
 JITTER = np.diag([3e-3**2] * 3 + [1e-3**2] * 3)
 # Where nothing says where the survey lies: metres, radians.
 _ANCHOR = np.eye(6) * 1e-12
-# About its guess, of a pose that nothing may tell: metres, radians.
+# About where it lies, of a pose that nothing may tell: metres, radians.
 _UNTOLD = np.diag([0.5**2] * 3 + [0.3**2] * 3)
 # Squared error, in variances a direction, at which a pair counts a quarter.
 _HALF = 16.0
@@ -46,12 +45,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A cloud's pose: what the autopilot says of the camera, and when.
+    """A cloud's pose: what the autopilot says of the camera, if anything, and when."""
 
-    Where it says nothing there is no covariance, and `stated` is a guess.
-    """
-
-    stated: Pose
+    stated: Pose | None
     covariance: Array | None
     seconds: float
     flight: int
@@ -97,45 +93,45 @@ def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
     ndarray, shape (2, 6)
         Share of the variance that drifts, and seconds after which that is another one.
     """
-    odds, times = np.linspace(-18, 6, 25), np.log(2.5 * 2.0 ** np.arange(7))
-    sigmas = np.sqrt(np.array([node.covariance for node in nodes], float).diagonal(0, 1, 2))
-    gaps = np.diff([node.seconds for node in nodes])[:, None]
-    off, parts = errors / sigmas, list[Array]()
-    anew = np.diag(JITTER) / sigmas[1:] ** 2
-    grid = np.array([(each, time) for each in odds for time in times])
-    for part in (slice(0, 3), slice(3, 6)):
-        likelihood = [
-            _likelihood(off[:, part], np.exp(-gaps / math.exp(time)), expit(each), anew[:, part])
-            for each, time in grid
-        ]
-        chance = np.exp(np.array(likelihood) - max(likelihood))
-        parts += 3 * [np.average(grid, axis=0, weights=chance)]
-    share, time = np.array(parts).T
+    odds, times = np.linspace(-18, 6, 25), 2.5 * 2.0 ** np.arange(7)
+    grid = np.array([(each, math.log(time)) for each in odds for time in times])
+    spreads, seconds = _stated_of(nodes)
+    off = errors / np.sqrt(spreads.diagonal(0, 1, 2))
+    each = [_likelihood(off, *_chain(expit(a), math.exp(b), spreads, seconds)) for a, b in grid]
+    # Of places, and of turns.
+    chance = softmax(np.reshape(each, (-1, 2, 3)).sum(axis=-1), axis=0)
+    share, time = np.repeat(grid.T @ chance, 3, axis=1)
     return np.stack([expit(share), np.exp(time)])
 
 
-def _likelihood(off: Array, keep: Array, share: float, anew: Array) -> float:
-    """Logarithm of that of errors about any constant, of which a share drifts."""
-    keep, part = _as_chain(share, keep, anew)
-    steps = np.concatenate([off[:1], off[1:] - keep * off[:-1]])
-    constant = np.concatenate([np.ones((1, 3)), 1 - keep])
-    variance = np.concatenate([part[:1], (1 - keep**2) * part])
-    weight = (constant**2 / variance).sum(axis=0)
-    mean = (constant * steps / variance).sum(axis=0) / weight
-    squares = np.square(steps - constant * mean) / variance
-    return -float((np.log(variance) + squares).sum() + np.log(weight).sum()) / 2
+def _stated_of(nodes: Sequence[Node]) -> tuple[Array, Array]:
+    """Covariances, and times, seconds, of what is stated of some poses."""
+    return np.array([node.covariance for node in nodes]), np.array([n.seconds for n in nodes])
 
 
-def _as_chain(share: Any, keep: Any, anew: Any) -> tuple[Any, Any]:
-    """A drift, and what is another error each time, as one drift: what it keeps, its variance.
+def _likelihood(off: Array, keep: Array, new: Array) -> Array:
+    """Logarithm of that of errors about any constant, axis by axis."""
+    steps = off - keep * np.vstack([off[:1], off[:-1]])
+    weight = ((1 - keep) ** 2 / new).sum(axis=0)
+    mean = ((1 - keep) * steps / new).sum(axis=0) / weight
+    squares = np.square(steps - (1 - keep) * mean) / new
+    return -((np.log(new) + squares).sum(axis=0) + np.log(weight)) / 2
 
-    That one changes as much from one time to the next, and averages out as slowly.
+
+def _chain(share: Any, seconds: Any, spreads: Array, times: Array) -> tuple[Array, Array]:
+    """Errors of which a share drifts, each by the one before: what is kept of that, and what is new.
+
+    Both by the axes, (n, 6); the new variance in those that are stated. An error that is another
+    one each time is a part of the drift: one that changes as much from one time to the next, and
+    averages out as slowly.
     """
+    anew = np.diag(JITTER) / spreads.diagonal(0, 1, 2)
+    # Of the first one nothing is kept.
+    keep = np.exp(-np.diff(times, prepend=-math.inf)[:, None] / seconds)
     change = share * (1 - keep) + anew
-    lasting = share * (1 + keep) / np.maximum(1 - keep, 1e-9) + anew
-    ratio = change / lasting
+    ratio = change / (share * (1 + keep) / np.maximum(1 - keep, 1e-9) + anew)
     keep = np.maximum(1 + ratio / 2 - np.sqrt(ratio**2 / 4 + 2 * ratio), 1e-6)
-    return keep, change / (1 - keep)
+    return keep, change * (1 + keep)
 
 
 # As long as a flight does not tell: all of an error drifts.
@@ -150,23 +146,25 @@ class PoseGraph:
     nodes : list of Node
     links : list of PairLink
         Each second cloud's number is no less than the last one's.
+    turns, places : ndarray, shape (n, 3, 3) and (n, 3)
+        Of the poses, as they are found.
+    drifts : dict of int to ndarray
+        Of the flights that tell it, as of `drift_of`, once all poses are known.
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.links: list[PairLink] = []
+        self.turns, self.places = np.zeros((0, 3, 3)), np.zeros((0, 3))
+        self.drifts: dict[int, Array] = {}
         # Squares of the links' errors, in variances a direction, as poses were last found.
         self._misfits: dict[int, float] = {}
-        # Of the poses.
-        self._turns, self._places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self._all_moved = 0
-        #: Of the flights that tell it, as of `drift_of`, once all poses are known.
-        self.drifts: dict[int, Array] = {}
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
-        self._turns = np.concatenate([self._turns, guess.rotation.as_matrix()[None]])
-        self._places = np.concatenate([self._places, guess.translation[None]])
+        self.turns = np.concatenate([self.turns, guess.rotation.as_matrix()[None]])
+        self.places = np.concatenate([self.places, guess.translation[None]])
         self.nodes.append(node)
 
     @property
@@ -185,14 +183,17 @@ class PoseGraph:
 
     def pose(self, number: int) -> Pose:
         """Of a cloud's camera, as it is found."""
-        return Pose(Rotation.from_matrix(self._turns[number]), self._places[number].copy())
+        return Pose(Rotation.from_matrix(self.turns[number]), self.places[number].copy())
 
-    def carry(self, move: Pose) -> None:
-        """Move all poses, that are guesses alone."""
-        for number in range(len(self.nodes)):
-            pose = move @ self.pose(number)
-            self.nodes[number] = replace(self.nodes[number], stated=pose)
-            self._put(number, pose)
+    def stated(self, number: int) -> Pose:
+        """What is said of a pose; where nothing is, as it is found. Of a flight's error: none."""
+        if number >= len(self.nodes):
+            return IDENTITY
+        return self.nodes[number].stated or self.pose(number)
+
+    def put(self, number: int, pose: Pose) -> None:
+        """Move one pose."""
+        self.turns[number], self.places[number] = pose.rotation.as_matrix(), pose.translation
 
     def link(self, first: int, second: int, relative: RelativePose) -> None:
         """Another relative pose; the second cloud is the newer one."""
@@ -204,22 +205,17 @@ class PoseGraph:
         # Of squared errors by the rank: from where on a pair contradicts the others.
         return {number for number, misfit in self._misfits.items() if misfit > 36.0}
 
-    def first_link(self, number: int) -> int:
-        """Number of the first link to a pose or a newer one."""
-        return bisect_left(self.links, number, key=lambda link: link.second)
-
     def part(self, numbers: Sequence[int]) -> PoseGraph:
         """Some of the poses, in rising order, and what joins them, without all others.
 
         What the autopilot says of two says the same of them whether poses lie between or not.
         """
-        place = {number: index for index, number in enumerate(numbers)}
-        some, start = PoseGraph(), self.first_link(numbers[0])
+        place, some = {number: index for index, number in enumerate(numbers)}, PoseGraph()
         for number in numbers:
             some.add(self.nodes[number], self.pose(number))
         flights = some.placed.keys() & self.drifts.keys()
         some.drifts = {flight: self.drifts[flight] for flight in flights}
-        for index, link in enumerate(self.links[start:], start):
+        for index, link in enumerate(self.links):
             if link.first in place and link.second in place:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
                 some.link(place[link.first], place[link.second], link.relative)
@@ -241,45 +237,30 @@ class PoseGraph:
         # What is learnt of the errors moves the poses that it is learnt from: after so many times
         # hardly any more.
         for _ in range(3):
-            groups, drifts = self.groups(), {}
+            groups = self.groups()
             for flight, placed in self.placed.items():
                 # Of poses that nothing ties, errors are not known: those of the most are taken.
                 most = np.bincount(groups[placed]).argmax()
                 tied = [k for k in placed if groups[k] == most]
                 if len(tied) > 2:
-                    nodes = [self.nodes[k] for k in tied]
-                    said = _arrays([node.stated for node in nodes])
-                    errors = _off(self._turns[tied], self._places[tied], *said)
-                    drifts[flight] = drift_of(errors, nodes)
-            self.drifts = drifts
+                    said = _arrays([self.stated(k) for k in tied])
+                    errors = _off(self.turns[tied], self.places[tied], *said)
+                    self.drifts[flight] = drift_of(errors, [self.nodes[k] for k in tied])
             self.solve()
 
     def solve(self, fixed: int = 0) -> None:
         """Move the poses from number `fixed` on to where they agree best."""
-        terms = Terms(self, fixed)
-        turns, places = _stepped(terms, *self._start())
-        count = len(self.nodes)
-        self._turns, self._places = turns[:count], places[:count]
+        terms, count = Terms(self, fixed), len(self.nodes)
+        turns, places = _stepped(terms, *self.unknowns())
+        self.turns, self.places = turns[:count], places[:count]
         misfits = terms.misfits(terms.errors(turns, places))
         self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
 
-    def _start(self) -> tuple[Array, Array]:
+    def unknowns(self) -> tuple[Array, Array]:
         """Turns and places of all poses, and of the flights' constant errors, from nothing on."""
-        turns, places = _arrays([IDENTITY] * len(self.drifts))
-        return np.concatenate([self._turns, turns]), np.concatenate([self._places, places])
-
-    def _put(self, number: int, pose: Pose) -> None:
-        self._turns[number], self._places[number] = pose.rotation.as_matrix(), pose.translation
-
-    def follow(self, number: int) -> None:
-        """Put the newest pose where its last link says."""
-        link = self.links[-1]
-        self._put(number, self.pose(link.first) @ link.relative.pose)
-
-    def in_map(self, numbers: Sequence[int], points: Sequence[Array]) -> Array:
-        """Points of shape (n, 3), each in its camera's frame, in the map."""
-        at = np.asarray(numbers, np.intp)
-        return (self._turns[at] @ np.stack(points)[..., None])[..., 0] + self._places[at]
+        nothing = _arrays([IDENTITY] * len(self.drifts))
+        turns, places = map(np.concatenate, zip((self.turns, self.places), nothing, strict=True))
+        return turns, places
 
     def covariances(
         self, anchor: int | None = None, only: Sequence[int] | None = None
@@ -297,13 +278,11 @@ class PoseGraph:
         only : sequence of int, optional
             Numbers of the poses that are asked for; all by default.
         """
-        terms = Terms(self, 0, anchor)
-        start = self._start()
-        errors = terms.errors(*start)
-        jacobian, weighted = terms.weighted(*start, errors, 1.0)
+        terms, start = Terms(self, 0, anchor), self.unknowns()
+        jacobian, weighted = terms.weighted(*start, terms.errors(*start), 1.0)
         solver = _factored(weighted @ jacobian)
         bent = solver.solve(weighted @ terms.common.reshape(-1, 6)).reshape(-1, 6, 6)
-        units, blocks = identity(6 * terms.count, format='csc'), []
+        units, blocks = identity(jacobian.shape[1], format='csc'), []
         for number in range(len(self.nodes)) if only is None else only:
             own = slice(6 * number, 6 * number + 6)
             block = solver.solve(units[:, own].toarray())[own]
@@ -348,15 +327,13 @@ def _stepped(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
         gain = terms.cost(errors, tolerance) - terms.cost(off, tolerance)
         if gain > 0:
             (turns, places), errors = there, off
-        # Variances, of all that is known together, that are no gain.
-        is_gain = gain > 0.1
-        if is_gain and math.isinf(tolerance):
+        # Variances, of all that is known together, that are a gain.
+        if gain > 0.1 and tolerance in (1.0, math.inf):
             continue
-        if tolerance == 1 and not is_gain:
+        if tolerance == 1.0:
             break
-        if math.isinf(tolerance):
-            tolerance = terms.misfits(errors).max(initial=0.0) / _HALF
-        tolerance = max(1.0, tolerance / 4.0)
+        most = terms.misfits(errors).max(initial=0.0) / _HALF
+        tolerance = max(1.0, min(tolerance, most) / 4.0)
     return turns, places
 
 
@@ -377,7 +354,7 @@ class Terms:
     """Errors of all that is known of the poses from number `fixed` on, and what they weigh.
 
     First those of the links, as twists from what they tell to where poses are; then those of what
-    the autopilot says: of the first pose, and how each differs from the last.
+    the autopilot says, each a sum of shares of poses' errors.
 
     Parameters
     ----------
@@ -389,25 +366,25 @@ class Terms:
     """
 
     def __init__(self, graph: PoseGraph, fixed: int = 0, anchor: int | None = None) -> None:
-        nodes = graph.nodes
-        #: Of the poses that move, and of the constant errors of flights, which follow them.
-        self.fixed, self.count = fixed, len(nodes) + len(graph.drifts) - fixed
-        numbers = range(graph.first_link(fixed), len(graph.links))
+        self.fixed = fixed
+        told = {
+            number: link
+            for number, link in enumerate(graph.links)
+            if link.second >= fixed and link.relative.rank
+        }
         #: Numbers of the links that tell something.
-        self.links = [k for k in numbers if graph.links[k].relative.rank]
-        links = [graph.links[k] for k in self.links]
-        relative = [link.relative for link in links]
+        self.links, relative = list(told), [link.relative for link in told.values()]
+        ends = [(link.first, link.second) for link in told.values()]
+        self._ends = np.array(ends, np.intp).reshape(-1, 2)
         turns, self._shift = _arrays([each.pose for each in relative])
         self._back = np.swapaxes(turns, 1, 2)
         self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
         self._rank = np.array([each.rank for each in relative], float)
         stated = _stated(graph, fixed, anchor)
-        pairs = [*((link.first, link.second) for link in links), *(pair for pair, _ in stated)]
-        #: Numbers of each term's two poses.
-        self._poses = np.array(pairs, np.intp).reshape(-1, 2)
-        self._apart = np.diff(self._poses[len(links) :]) != 0
-        said = [*(node.stated for node in nodes), *[IDENTITY] * len(graph.drifts)]
-        self._said = [_arrays([said[k] for k in each]) for each in self._poses[len(links) :].T]
+        shares = [each for parts, _ in stated for each in parts]
+        self._of, self._shares = (np.array(each) for each in zip(*shares, strict=True))
+        self._begin = np.cumsum([0, *(len(parts) for parts, _ in stated)])
+        self._said = _arrays([graph.stated(number) for number, _ in shares])
         information = [each.information for each in relative]
         self._information = np.array([*information, *(np.linalg.inv(each) for _, each in stated)])
         #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
@@ -415,23 +392,19 @@ class Terms:
 
     def errors(self, turns: Array, places: Array) -> Array:
         """At poses of shape (all, 3, 3) and (all, 3); shape (terms, 6)."""
-        count = len(self.links)
-        first, second = self._poses[:count].T
+        first, second = self._ends.T
         back = np.swapaxes(turns[first], 1, 2)
         off = back @ turns[second] @ self._back
         seen = _turned(back, places[second] - places[first])
         of_links = twists(off, seen + _turned(off, self._centre - self._shift) - self._centre)
-        other, own = (
-            _off(turns[at], places[at], *said)
-            for at, said in zip(self._poses[count:].T, self._said, strict=True)
-        )
-        return np.concatenate([of_links, own - self._apart * other])
+        parts = self._shares * _off(turns[self._of], places[self._of], *self._said)
+        return np.concatenate([of_links, np.add.reduceat(parts, self._begin[:-1])])
 
     def misfits(self, errors: Array) -> Array:
         """Squares of the links' errors, in variances, by their directions; shape (links,)."""
         return self._squares(errors)[: len(self.links)] / self._rank
 
-    def cost(self, errors: Array, tolerance: Array | float = 1.0) -> float:
+    def cost(self, errors: Array, tolerance: float = 1.0) -> float:
         """Robust sum of squares."""
         misfits = self.misfits(errors)
         of_links = self._rank @ (misfits / (1 + misfits / (_HALF * tolerance)))
@@ -441,84 +414,68 @@ class Terms:
         return (errors * _turned(self._information, errors)).sum(axis=1)
 
     def weighted(
-        self, turns: Array, places: Array, errors: Array, tolerance: Array | float
+        self, turns: Array, places: Array, errors: Array, tolerance: float
     ) -> tuple[csr_matrix, csr_matrix]:
         """Jacobian of the errors by the poses that move, and that times the weights, transposed.
 
         The weights are Geman and McClure's of robust least squares.
         """
         count, total = len(self.links), len(errors)
-        first = self._poses[:count, 0]
+        first = self._ends[:, 0]
         back = np.swapaxes(turns[first], 1, 2)
-        centre = places[first] + _turned(turns[first], self._centre)
-        change = changes(errors[:count])
-        blocks = np.zeros((total, 2, 6, 6))
-        for side, sign in enumerate((-1, 1)):
-            # A turn of a camera shifts what lies at the end of the arm.
-            move = np.zeros((count, 6, 6))
-            move[:, :3, :3] = move[:, 3:, 3:] = back
-            move[:, :3, 3:] = -back @ crossed(centre - places[self._poses[:count, side]])
-            blocks[:count, side] = sign * change @ move
-        blocks[count:, 0] = self._apart[..., None] * -np.eye(6)
-        blocks[count:, 1] = np.eye(6)
-        columns = self._poses - self.fixed
-        blocks[columns < 0] = 0
-        jacobian = bsr_matrix(
-            (blocks.reshape(-1, 6, 6), np.maximum(columns, 0).ravel(), 2 * np.arange(total + 1)),
-            shape=(6 * total, 6 * self.count),
-        ).tocsr()
+        # A turn of a camera shifts what lies at the end of the arm.
+        arms = (places[first] + _turned(turns[first], self._centre))[:, None] - places[self._ends]
+        moves = [back[:, None] @ about(arms), back[:, None] @ np.eye(3, 6, 3) + 0 * arms[..., None]]
+        change = changes(errors[:count])[:, None] * [[[-1]], [[1]]]
+        of_links = change @ np.concatenate(moves, axis=2)
+        blocks = [of_links.reshape(-1, 6, 6), self._shares[:, None] * np.eye(6)]
+        columns = np.concatenate([self._ends.ravel(), self._of])
+        rows = np.concatenate([2 * np.arange(count), 2 * count + self._begin])
+        size = (6 * total, 6 * len(turns))
+        jacobian = bsr_matrix((np.concatenate(blocks), columns, rows), size).tocsr()
+        jacobian = jacobian[:, 6 * self.fixed :]
         jacobian.eliminate_zeros()
-        information = self._information.copy()
         heard = geman_mcclure(self.misfits(errors), _HALF * tolerance)
+        information = self._information.copy()
         information[:count] *= heard[:, None, None]
         weights = bsr_matrix((information, np.arange(total), np.arange(total + 1)))
         return jacobian, jacobian.T @ weights.tocsr()
 
 
-def _stated(
-    graph: PoseGraph, fixed: int, anchor: int | None
-) -> list[tuple[tuple[int, int], Array]]:
-    """What the autopilot says: numbers of two poses, and how much their errors may differ.
+Stated = tuple[list[tuple[int, Array]], Array]
 
-    They are a pose and the last one, or a pose and its flight's constant: a drift is near to both.
-    Where one error is known by itself, its number stands there twice.
+
+def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[Stated]:
+    """What the autopilot says: sums of shares of poses' errors, and the covariance of each.
+
+    The error of a pose less what is left of the one before and of its flight's constant; those of
+    the constants themselves; and where one is known by itself, that.
     """
-    nodes, flights = graph.nodes, graph.placed
-    is_adrift = anchor is None and not flights
-    terms = [
-        ((k, k), _UNTOLD if k or not is_adrift else _ANCHOR)
-        for k in range(fixed, len(nodes))
-        if nodes[k].covariance is None
+    nodes, flights, whole = graph.nodes, graph.placed, np.ones(6)
+    if anchor is None and not flights:
+        anchor = 0
+    stated: list[Stated] = [
+        ([(k, whole)], _UNTOLD) for k in range(fixed, len(nodes)) if nodes[k].covariance is None
     ]
+    if anchor is not None and anchor >= fixed:
+        stated.append(([(anchor, whole)], _ANCHOR))
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
     for flight, placed in flights.items():
-        share, seconds = graph.drifts.get(flight, _UNKNOWN)
         some = placed[max(0, bisect_left(placed, fixed) - 1) :]
-        spreads = np.array([nodes[k].covariance for k in some])
-        anew = np.diag(JITTER) / np.diagonal(spreads, axis1=1, axis2=2)
-        kept = np.array([share_kept(nodes[a], nodes[b], seconds) for a, b in pairwise(some)])
-        keep, part = _as_chain(share, kept.reshape(-1, 6), anew[1:])
-        nothing = np.zeros((1, 6))
-        before, after = np.vstack([nothing, keep]), np.vstack([keep, nothing])
-        own = np.vstack([share + anew[:1], part]) / (1 / (1 + before) - after / (1 + after))
-        apart = part * (1 - keep**2) / keep
-        for k, index in enumerate(some):
-            if index >= fixed:
-                terms.append(((constants.get(flight, index), index), _part(spreads[k], own[k])))
-            if index >= fixed and k:
-                terms.append(((some[k - 1], index), _part(spreads[k], apart[k - 1])))
-    for flight, at in constants.items():
-        first = nodes[flights[flight][0]].covariance
-        terms.append(((at, at), _part(first, 1 - graph.drifts[flight][0])))
-    if anchor is not None:
-        terms.append(((anchor, anchor), _ANCHOR))
-    return terms
-
-
-def _part(covariance: Any, share: Array) -> Array:
-    """Covariance of which so much is left, axis by axis."""
-    root = np.sqrt(share)
-    return np.asarray(covariance * np.outer(root, root))
+        spreads, times = _stated_of([nodes[k] for k in some])
+        share, seconds = graph.drifts.get(flight, _UNKNOWN)
+        for k, before, keep, new, spread in zip(
+            some, [some[0], *some], *_chain(share, seconds, spreads, times), spreads, strict=False
+        ):
+            parts = [(k, whole), (before, -keep)]
+            if flight in constants:
+                parts.append((constants[flight], keep - 1))
+            if k >= fixed:
+                stated.append((parts, spread * np.sqrt(np.outer(new, new))))
+    for flight, constant in constants.items():
+        spread, left = nodes[flights[flight][0]].covariance, 1 - graph.drifts[flight][0]
+        stated.append(([(constant, whole)], np.sqrt(np.outer(left, left)) * spread))
+    return stated
 
 
 def _off(turns: Array, places: Array, said_turns: Array, said: Array) -> Array:

@@ -87,7 +87,7 @@ def joined(poses: list[Pose], links, seed: int, stated: list[Pose] | None = None
             if second == number:
                 graph.link(first, second, found)
                 if second - first == 1:
-                    graph.follow(number)
+                    graph.put(number, graph.pose(first) @ found.pose)
         graph.update()
     graph.solve()
     return graph
