@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from itertools import pairwise
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,8 @@ class Joining:
         self.remarks: list[str] = []
         # Those that clouds to come may be laid on.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
-        # The last cloud that was laid on another pass.
-        self._closed: int | None = None
+        # The last one that was laid on another pass, if any.
+        self._closed: list[int] = []
         # Pairs that may tie two flights, if others say the same.
         self._maybe: dict[tuple[int, int], list[PairLink]] = {}
         self.footprints: list[Footprint] = []
@@ -157,17 +158,6 @@ class Joining:
         """Of all poses in the map, shape (n, 6, 6), once no cloud is to come."""
         return self.graph.covariances()
 
-    def newest_covariance(self) -> NDArray[np.float64]:
-        """Covariance of the newest pose in the map, shape (6, 6), by the last clouds alone.
-
-        That is no less than it is: what is known from before is not counted, as poses before the
-        last ones are only moved now and then.
-        """
-        count = len(self.graph.nodes)
-        # Clouds before the newest by which its place is known.
-        last = self.graph.part(range(max(0, count - 20), count))
-        return last.covariances(only=[len(last.nodes) - 1])[0]
-
     def _guess(self, stated: Pose | None, flight: int) -> Pose:
         if not self.graph.nodes:
             return stated or IDENTITY
@@ -179,10 +169,8 @@ class Joining:
 
     def _follow(self, number: int) -> None:
         """Lay a cloud on those before it in its flight."""
-        nodes = self.graph.nodes
-        for first in (number - back for back in _BACK):
-            if first < 0 or nodes[first].flight != nodes[number].flight:
-                continue
+        before = [k for k in self._kept if number - k in _BACK and not self._are_passes(k, number)]
+        for first in reversed(before):
             relative = self._laid(first, number)
             if relative is not None:
                 self.graph.link(first, number, relative)
@@ -210,38 +198,30 @@ class Joining:
         old, nodes = number - max(_BACK), self.graph.nodes
         if old < 0:
             return
-        earlier = max((each for each in self._kept if each < old), default=None)
-        if earlier is not None and nodes[earlier].flight == nodes[old].flight:
-            first, second = self._middles([earlier, old])
-            # A cloud is kept for later passes where the last that was kept is this part of a patch
-            # away.
-            if np.linalg.norm(first - second) < 0.3 * self.footprints[old].size:
-                del self._kept[old]
-                return
-        self._kept[old] = partial(unfolded, folded(self._kept[old]()))
+        earlier = [k for k in self._kept if k < old and nodes[k].flight == nodes[old].flight]
+        # A cloud is kept for later passes where the nearest that is kept is this part of a patch
+        # away.
+        if self._nearest(old, earlier)[1] < 0.3 * self.footprints[old].size:
+            del self._kept[old]
+        else:
+            self._kept[old] = partial(unfolded, folded(self._kept[old]()))
 
     def _close(self, number: int) -> None:
         """Lay a cloud on the nearest one of another pass that shows the same skin."""
-        others = [each for each in self._kept if self._are_passes(each, number)]
-        if not others:
-            return
-        last = number if self._closed is None else self._closed
-        *places, before, here = self._middles([*others, last, number])
-        size = self.footprints[number].size
+        size, passes = self.footprints[number].size, partial(self._are_passes, number)
+        lately = [each for each in self._closed if not passes(each)]
         # Pairs on the same skin err alike, and tell alike: this part of a patch from the last that
         # was laid, one tells hardly more.
-        is_near = np.linalg.norm(before - here) < 0.5 * size
-        if last != number and is_near and not self._are_passes(last, number):
+        if self._nearest(number, lately)[1] < 0.5 * size:
             return
-        far = np.linalg.norm(places - here, axis=1)
-        nearest = others[int(far.argmin())]
+        nearest, far = self._nearest(number, [each for each in self._kept if passes(each)])
         # No farther apart than this part of both patches' sizes.
-        if far.min() > 0.6 * (size + self.footprints[nearest].size):
+        if far > 0.6 * (size + self.footprints[nearest].size):
             return
         relative = self._laid(nearest, number)
         if relative is None:
             return
-        self._closed = number
+        self._closed = [number]
         # Where marks do not tell how far another pass is slid along this one, the autopilot alone
         # does. Pairs share its error, and many would be too sure of it.
         if relative.rank == 6:
@@ -256,8 +236,7 @@ class Joining:
         others = [each for each in self._kept if graph.nodes[each].flight != flight]
         if not others:
             return
-        *places, here = self._middles([*others, number])
-        groups, far = graph.groups(), np.linalg.norm(places - here, axis=1)
+        groups, far = graph.groups(), self._distances(number, others)
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
         reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self.footprints[number].size
@@ -284,6 +263,16 @@ class Joining:
         at = np.asarray(numbers, np.intp)
         middles = np.stack([self.footprints[each].middle for each in numbers])
         return (self.graph.turns[at] @ middles[..., None])[..., 0] + self.graph.places[at]
+
+    def _distances(self, number: int, others: Sequence[int]) -> NDArray[np.float64]:
+        """From the middle of a cloud to those of others, metres."""
+        places = self._middles([*others, number])
+        return np.linalg.norm(places[:-1] - places[-1], axis=1)
+
+    def _nearest(self, number: int, others: Sequence[int]) -> tuple[int, float]:
+        """The nearest of other clouds, and how far it is; infinitely far of none."""
+        far = zip(others, self._distances(number, others).tolist(), strict=True)
+        return min(far, key=itemgetter(1), default=(number, math.inf))
 
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes
