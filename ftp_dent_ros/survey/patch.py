@@ -134,19 +134,14 @@ class SkinPatch:
         row, column = step * np.array(np.nonzero(known[::step, ::step]))
         some = slice(None, None, -(-len(row) // 3000) or 1)
         row, column = row[some], column[some]
-        side = max(1, round(0.004 / self.pitch))
-        rows, columns = (size // side for size in self.height.shape)
         paint = self.paints[0]
         change = np.square(paint[..., 1:3]).sum(axis=-1) * known
-        squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
-        squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
-        inside = squares.argmax(axis=1)
-        strength = squares.max(axis=1)
+        side = max(1, round(0.004 / self.pitch))
+        most = cv2.dilate(change, np.ones((side, side), np.uint8))
+        down, across = np.nonzero((change == most) & (change > 0))
         # Those that change most tell most, and grain least.
-        chosen = np.sort(np.argsort(-strength, kind='stable')[:4000])
-        chosen = chosen[strength[chosen] > 0]
-        across = chosen % columns * side + inside[chosen] % side
-        down = chosen // columns * side + inside[chosen] // side
+        chosen = np.sort(np.argsort(-change[down, across], kind='stable')[:4000])
+        down, across = down[chosen], across[chosen]
         return Samples(
             self.points(row, column),
             self.surface[row, column],

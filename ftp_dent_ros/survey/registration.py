@@ -335,12 +335,8 @@ def candidates(
         for height, shift in _peaks(first, second, pose, reach):
             found.append((height, np.array([*shift, 0, 0, 0, turn])))
         found.sort(key=lambda each: -each[0])
-    kept: list[NDArray[np.float64]] = []
     for height, step in found:
-        if height < _RIVAL * found[0][0]:
-            break
-        if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
-            kept.append(step)
+        if height >= _RIVAL * found[0][0]:
             yield moved(guess, step, centre)
 
 
