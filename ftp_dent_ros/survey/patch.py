@@ -81,7 +81,7 @@ class SkinPatch:
     def surface(self) -> Grid:
         """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4)."""
         sigma = self.sigma * np.float32(1e-3)
-        along_x, along_y = slopes(self.height, self.pitch)
+        along_y, along_x = np.gradient(self.height, self.pitch)
         surface: Any = cv2.merge([self.height, along_x, along_y, sigma])
         unknown = np.isnan(along_x + along_y + sigma)
         unknown[[0, -1]] = unknown[:, [0, -1]] = True
@@ -120,7 +120,8 @@ class SkinPatch:
             )
             for reach in (3, 3 + 2 * math.ceil(width))
         )
-        paint: Any = cv2.merge([rest, *slopes(rest, self.pitch), fine])
+        along_y, along_x = np.gradient(rest, self.pitch)
+        paint: Any = cv2.merge([rest, along_x, along_y, fine])
         smoothed: Any = cv2.merge([smooth * coarse, coarse])
         return paint * fine[..., None], smoothed
 
@@ -247,14 +248,6 @@ def _tangent(points: NDArray[np.float64]) -> Pose:
     x /= np.linalg.norm(x)
     turn = np.stack([x, np.cross(normal, x), normal], axis=-1)
     return Pose(Rotation.from_matrix(turn), middle)
-
-
-def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
-    """Changes along x and y, central differences; 0 on the outermost cells."""
-    scale = 1 / (2 * pitch)
-    along_x = cv2.Sobel(field, cv2.CV_32F, 1, 0, ksize=1, scale=scale)
-    along_y = cv2.Sobel(field, cv2.CV_32F, 0, 1, ksize=1, scale=scale)
-    return along_x, along_y
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:

@@ -119,7 +119,7 @@ def _likelihood(off: Array, keep: Array, new: Array) -> Array:
 
 
 def _chain(share: Any, seconds: Any, spreads: Array, times: Array) -> tuple[Array, Array]:
-    """Errors of which a share drifts, each by the one before: what is kept of that, and what is new.
+    """Errors of which a share drifts, each by the one before: what is kept, and what is new.
 
     Both by the axes, (n, 6); the new variance in those that are stated. An error that is another
     one each time is a part of the drift: one that changes as much from one time to the next, and
@@ -425,7 +425,8 @@ class Terms:
         back = np.swapaxes(turns[first], 1, 2)
         # A turn of a camera shifts what lies at the end of the arm.
         arms = (places[first] + _turned(turns[first], self._centre))[:, None] - places[self._ends]
-        moves = [back[:, None] @ about(arms), back[:, None] @ np.eye(3, 6, 3) + 0 * arms[..., None]]
+        shifts = back[:, None] @ about(arms)
+        moves = [shifts, back[:, None] @ np.broadcast_to(np.eye(3, 6, 3), shifts.shape)]
         change = changes(errors[:count])[:, None] * [[[-1]], [[1]]]
         of_links = change @ np.concatenate(moves, axis=2)
         blocks = [of_links.reshape(-1, 6, 6), self._shares[:, None] * np.eye(6)]

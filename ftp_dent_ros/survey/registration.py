@@ -9,7 +9,7 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import cv2
@@ -80,13 +80,10 @@ def register(
     arm, axes = first.frame.apply(centre) - guess.translation, first.frame.rotation.as_matrix()
     near = Guess(start, centre, seen_along(doubt, axes, arm))
     best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
-    near = replace(near, centre=_centre(first, few, best))
-    found, remark, centre = None, _NO_PAINT, near.centre
+    found, remark = None, _NO_PAINT
     if first.light is not None and second.light is not None:
         best, found, remark = _by_paint(first, second, best, near)
     found = found or of_heights(first, samples, best, centre)
-    if found.heights < _LEAST_OVERLAP * len(samples.heights):
-        raise UnlikePairError(APART)
     # Heights' misfit by what the clouds state, above which they do not show one surface.
     if found.spread > 25.0:
         raise UnlikePairError(
@@ -160,20 +157,19 @@ def _by_paint(
     Where there is none, or more than one: the pose by the shape, and why.
     """
     samples, few = second.samples, second.samples.few
-    loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     places = candidates(first, second, by_shape, near)
     # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
     # on it by far more than a guess is unsure of at its own place.
     # By how much a place may move along the skin as patches are laid on each other there: the
     # cells that it was found by, metres.
-    held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
+    held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [1 / near.doubt[5, 5]])
     by_few = partial(equations, first, few, centre=near.centre)
     left = _best_of(
         Place.at(first, samples, _solved(by_few, each, near.centre, held), near) for each in places
     )
     if len(left) != 1:
         return by_shape, None, _AMBIGUOUS if left else _NOWHERE
-    pose = _solved(by_few, left[0].pose, near.centre, loose)
+    pose = _solved(by_few, left[0].pose, near.centre, held)
     found = equations(first, samples, pose, near.centre)
     painted = len(found.residual) - found.heights
     if painted < _LEAST_PAINT or near.away(pose)[1] > _WITHIN**2:
