@@ -184,12 +184,10 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
     unknown = np.full(3, math.nan)
     if earlier.relief is None or later.relief is None:
         return unknown
-    dent, spacing = earlier.dent, earlier.relief.spacing
-    a, b = earlier.relief.places()
+    dent, (a, b) = earlier.dent, earlier.relief.places()
     before = earlier.relief.heights.astype(float)
     far = np.hypot(2 * a / dent.length.value, 2 * b / dent.width.value)
-    x, y = a / np.abs(a).max(), b / np.abs(b).max()
-    contour = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    contour = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=-1)
     # How far off the later skin lies, along and across, is found in some steps.
     slide, growth = np.zeros(2), unknown
     for _ in range(3):
@@ -205,23 +203,17 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
         mean = np.where(known, (before + after) / 2, np.nan)
         deep = contour @ np.linalg.lstsq(contour[ring], mean[ring], rcond=None)[0] - mean
         form = deep / (0.5 * (dent.depth.value + later.dent.depth.value))
-        down, along = np.gradient(mean, spacing)
-        slopes = np.stack([along, down], axis=-1)
-        used = known & np.isfinite(slopes).all(axis=-1)
-        steepest = np.linalg.norm(slopes, axis=-1)[used].max()
-        terms = np.concatenate([-form[..., None], slopes / steepest, contour[..., :3]], axis=-1)
+        down, along = np.gradient(mean, earlier.relief.spacing)
+        terms = np.dstack([-form, along, down, contour[..., :3]])
+        used = known & np.isfinite(terms).all(axis=-1)
         inverse, off = np.linalg.pinv(terms[used]), (after - before)[used]
-        fit = inverse @ off
-        rest = np.zeros(used.shape)
+        fit, rest = inverse @ off, np.zeros(used.shape)
         rest[used] = off - terms[used] @ fit
-        area = _correlated_points(rest, used.astype(float))
-        places = float(used.sum()) / area
+        places = float(used.sum()) / _correlated_points(rest, used.astype(float))
         freedom = max(places - len(fit), 1.0)
-        noise = math.sqrt(float(rest[used].var()) * places / freedom * area)
-        uncertainty = noise * math.sqrt(float((inverse[0] ** 2).sum()))
-        deeper = float(np.sign(dent.depth.value) * fit[0])
-        growth = np.array([deeper, uncertainty, freedom])
-        slide = slide - fit[1:3] / steepest
+        uncertainty = math.sqrt(np.square(rest).sum() / freedom) * np.linalg.norm(inverse[0])
+        growth = np.array([np.sign(dent.depth.value) * fit[0], uncertainty, freedom])
+        slide = slide - fit[1:3]
     return growth
 
 
