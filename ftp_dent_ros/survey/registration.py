@@ -363,22 +363,12 @@ def _peaks(
     u, v = np.moveaxis(at.astype(np.float32), -1, 0)
     # What lies beyond is not known; a cell beside it is not, either.
     paint = second.paints[1]
-    known = (remap(paint[..., 1], u, v) > 0.99).astype(np.float32)
-    seen = np.nan_to_num(remap(paint[..., 0], u, v)) * known
-    # The second image begins so many steps earlier.
-    count, both, ours, theirs = (
-        cv2.matchTemplate(one, other, cv2.TM_CCORR)[::-1, ::-1]
-        for one, other in (
-            (known, still_known),
-            (seen, still),
-            (known, still**2),
-            (seen**2, still_known),
-        )
-    )
-    value = both / np.sqrt(np.maximum(ours * theirs, 1e-12))
-    least = max(_LEAST_OVERLAP * min(still_known.sum(), known.sum()), 1)
-    # Of two that are as alike, the one with more in common.
-    value *= (count > least) * np.sqrt(np.clip(count / max(count.max(), 1.0), 0, 1))
+    known = remap(paint[..., 1], u, v) > 0.99
+    seen = np.where(known, remap(paint[..., 0], u, v), np.float32(0))
+    # The second image begins so many steps earlier. Of two places that are as alike, the one with
+    # more of the first's paint in common.
+    alike = cv2.matchTemplate(seen, still, cv2.TM_CCORR_NORMED, mask=still_known)[::-1, ::-1]
+    value = np.where(np.abs(alike) <= 1, alike, 0)
     highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
     return [
         (float(value[row, column]), (np.array([column, row]) - steps) * size)
