@@ -63,9 +63,7 @@ def pair_information(
     sure = (values > 0) & (values > 5.0 * chance)
     kept = directions[:, sure]
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
-    squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
-    # Squares as wide as a strip that a direction takes at least to be known.
-    if not sure.any() or len(squares) < 12:
+    if not sure.any():
         return np.zeros(6), np.zeros((6, 6)), 0
     own, other = own[:, sure], other[:, sure]
     weighted = found.weight[:, None] * own
