@@ -165,7 +165,7 @@ def _by_paint(
     held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [1 / near.doubt[5, 5]])
     by_few = partial(equations, first, few, centre=near.centre)
     left = _best_of(
-        Place.at(first, samples, _solved(by_few, each, near.centre, held), near) for each in places
+        Place.at(first, samples, _solved(by_few, each, near.centre, held, 4), near) for each in places
     )
     if len(left) != 1:
         return by_shape, None, _AMBIGUOUS if left else _NOWHERE
@@ -187,7 +187,7 @@ def _solved(
     pose: Pose,
     centre: Array,
     prior: NDArray,
-    steps: int = 8,
+    steps: int = 12,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
     off = np.zeros(6)
