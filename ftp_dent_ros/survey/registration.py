@@ -164,9 +164,8 @@ def _by_paint(
     # cells that it was found by, metres.
     held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [1 / near.doubt[5, 5]])
     by_few = partial(equations, first, few, centre=near.centre)
-    left = _best_of(
-        Place.at(first, samples, _solved(by_few, each, near.centre, held, 4), near) for each in places
-    )
+    nearly = (_solved(by_few, each, near.centre, held, steps=4) for each in places)
+    left = _best_of(Place.at(first, samples, each, near) for each in nearly)
     if len(left) != 1:
         return by_shape, None, _AMBIGUOUS if left else _NOWHERE
     pose = _solved(by_few, left[0].pose, near.centre, held)
