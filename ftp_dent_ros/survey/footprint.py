@@ -59,13 +59,12 @@ class Footprint:
         # The middle is one of them, however few there are.
         places = frame.apply(np.vstack([np.zeros(3), samples.heights[::4]]))
         normals = frame.rotation.apply(np.vstack([[0.0, 0.0, 1.0], normals]))
-        sides = np.ptp(frame.inverse().apply(points)[:, :2], axis=0)
         return cls(
             frame.translation,
             (points - frame.translation).astype(np.float16),
             np.hstack([places, normals]).astype(np.float32),
             float(every * spacing / CELL) ** 2,
-            float(sides.min()),
+            min(patch.height.shape) * patch.pitch,
         )
 
 

@@ -83,8 +83,10 @@ class Mosaic(Raster):
         """
         places, window, u, v = self.laid(cloud, pose, cloud.valid)
         height = remap(places[..., 2], u, v, cv2.INTER_NEAREST)
-        pixels = [np.arange(each.start, each.stop) for each in window]
-        owner = self._owner[np.ix_(*(each // PIXELS_A_CELL for each in pixels))]
+        down, across = (
+            slice(each.start // PIXELS_A_CELL, each.stop // PIXELS_A_CELL) for each in window
+        )
+        owner = by_pixel(self._owner[down, across])
         seen = np.isfinite(height)
         shown = seen & ((owner == group) | (owner == _FREE))
         self.views[window] += seen
@@ -102,16 +104,13 @@ class Mosaic(Raster):
         flat = [(self.skin.place(each)[:, :2] - self.low) / PIXEL for each in steps]
         cv2.fillPoly(self._steps, [each.astype(np.int32) for each in flat], 1)
         # Of each cell, at its middle.
-        middles = [each % PIXELS_A_CELL == PIXELS_A_CELL // 2 for each in pixels]
-        here = np.ix_(*middles)
-        cells = np.ix_(*(a[b] // PIXELS_A_CELL for a, b in zip(pixels, middles, strict=True)))
+        u, v, seen = (_by_cell(each)[..., PIXELS_A_CELL**2 // 2] for each in (u, v, seen))
         findable, noise = (
-            remap(each, u[here], v[here], cv2.INTER_NEAREST)
-            for each in (found.findable, found.noise)
+            remap(each, u, v, cv2.INTER_NEAREST) for each in (found.findable, found.noise)
         )
-        better = seen[here] & np.isfinite(findable) & ~(self._findable[cells] <= findable)
-        self._findable[cells] = np.where(better, findable, self._findable[cells])
-        self._noise[cells] = np.where(better, noise, self._noise[cells])
+        better = seen & np.isfinite(findable) & ~(self._findable[down, across] <= findable)
+        self._findable[down, across][better] = findable[better]
+        self._noise[down, across][better] = noise[better]
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -145,8 +144,8 @@ class Mosaic(Raster):
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
-        measured, points = self.measured(), self.cloud().points
-        return CoverageCells(CELL, points[measured], self.findable[measured])
+        measured = self.measured()
+        return CoverageCells(CELL, self.cloud().points[measured], self.findable[measured])
 
     @property
     def findable(self) -> NDArray[np.float32]:
@@ -165,6 +164,11 @@ class Mosaic(Raster):
     def gaps(self) -> tuple[list[Gap], NDArray[np.bool_]]:
         """What was not measured between what was, as of `find_gaps`."""
         return find_gaps(self.measured(), self.low)
+
+
+def by_pixel(cells: NDArray) -> NDArray:
+    """Values of cells, (rows, columns, ...), at each of their pixels."""
+    return cells.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
 
 
 def _by_cell(values: NDArray) -> NDArray:

@@ -20,7 +20,7 @@ from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
+from ftp_dent_ros.survey.mosaic import PIXEL, Mosaic, by_pixel
 from ftp_dent_ros.survey.result import SurveyedDent
 from ftp_dent_ros.survey.unrolled import CELL, Gap
 
@@ -155,9 +155,7 @@ def _coverage(mosaic: Mosaic) -> NDArray[np.uint8]:
     share = np.minimum(mosaic.views, 10) / 10
     grey = np.where(share > 0, 80 + 175 * share, 0)
     picture = np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8)
-    _, gaps = mosaic.gaps()
-    wide = gaps.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
-    picture[wide & (mosaic.views == 0)] = (40, 40, 220)
+    picture[by_pixel(mosaic.gaps()[1]) & (mosaic.views == 0)] = (40, 40, 220)
     return picture
 
 
@@ -287,20 +285,16 @@ def _layers(mosaic: Mosaic, gap_mask: NDArray[np.bool_]) -> list[dict[str, Any]]
         return layers
     low, high = np.percentile(known, [1, 99])
     high = max(high, 1.01 * low)
-    table = drawing.colours('viridis_r')
-    share = np.log(np.clip(findable, low, high) / low) / np.log(high / low)
-    pixels = table[np.nan_to_num(255 * share).astype(int)]
-    pixels[~np.isfinite(findable)] = drawing.NOTHING
+    pixels = drawing.coloured(np.log(findable), np.log(low), np.log(high), 'viridis_r')
     pixels[gap_mask] = (216, 35, 42)
-    pixels = pixels.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
     layers.append(
         {
             'title': 'Smallest dent that would have been found',
             'caption': f'Depth in mm, in each cell of {CELL * 1e3:.0f} mm, of a dent of the '
             'smallest width. Grey: not measured; red: a gap.',
-            'data': drawing.png(pixels[::-1]),
+            'data': drawing.png(by_pixel(pixels)[::-1]),
             'scale': {
-                'data': drawing.png(table[None]),
+                'data': drawing.png(drawing.colours('viridis_r')[None]),
                 'marks': [f'{low * (high / low) ** part:.3g}' for part in np.linspace(0, 1, 5)],
             },
         }
