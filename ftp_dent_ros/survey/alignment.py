@@ -67,17 +67,6 @@ class PairEquations:
         return (self.own + self.other) / 2
 
 
-def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
-    """Equations at a pose of the second patch in the first."""
-    heights = of_heights(first, second, pose, centre)
-    both = heights, of_paint(first, second, pose, centre)
-    names = 'residual', 'own', 'other', 'weight', 'place'
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(each, name) for each in both]) for name in names
-    }
-    return replace(heights, **joined)
-
-
 def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
     """Equations of the heights alone.
 
@@ -111,8 +100,9 @@ def painted(first: SkinPatch, second: Samples, pose: Pose) -> tuple[Grid, NDArra
     return below, (below[:, 3] > 0.99) & (second.paint_values[:, 3] > 0)
 
 
-def of_paint(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
-    """Equations of the paint alone."""
+def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
+    """Equations of heights and paint at a pose of the second patch in the first."""
+    heights = of_heights(first, second, pose, centre)
     here, met = painted(first, second, pose)
     place = pose.apply(second.paint)[met]
     ours, theirs = here[met].astype(float), second.paint_values[met].astype(float)
@@ -121,7 +111,12 @@ def of_paint(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> Pa
     spread = max(deviation(off) if len(off) else 1.0, 1e-3)
     theirs = theirs[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
     slopes = [each / spread for each in (ours[:, 1:3] @ np.eye(2, 3), theirs)]
-    return _linearised(off / spread, slopes, place - centre, place, 0, spread)
+    paint = _linearised(off / spread, slopes, place - centre, place, 0, spread)
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in (heights, paint)])
+        for name in ('residual', 'own', 'other', 'weight', 'place')
+    }
+    return replace(heights, **joined)
 
 
 def _linearised(

@@ -249,8 +249,10 @@ class Joining:
                 continue
             found = self._maybe.setdefault((graph.nodes[other].flight, flight), [])
             found.append(PairLink(other, number, relative))
-            ends = ((link.first, link.second, link.relative.pose) for link in found)
-            motions = [graph.pose(a) @ seen @ graph.pose(b).inverse() for a, b, seen in ends]
+            motions = [
+                graph.pose(link.first) @ link.relative.pose @ graph.pose(link.second).inverse()
+                for link in found
+            ]
             pieces = np.array([link.second for link in found])
             # What is wrong lies anywhere on the disc that is searched.
             chance = (REACH / reach) ** 2

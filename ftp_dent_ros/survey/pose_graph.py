@@ -213,8 +213,8 @@ class PoseGraph:
         place, some = {number: index for index, number in enumerate(numbers)}, PoseGraph()
         for number in numbers:
             some.add(self.nodes[number], self.pose(number))
-        flights = some.placed.keys() & self.drifts.keys()
-        some.drifts = {flight: self.drifts[flight] for flight in flights}
+        placed = some.placed
+        some.drifts = {k: drift for k, drift in self.drifts.items() if k in placed}
         for index, link in enumerate(self.links):
             if link.first in place and link.second in place:
                 some._misfits[len(some.links)] = self._misfits.get(index, 0.0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cmp_to_key, partial
 
 import cv2
 import numpy as np
@@ -294,10 +294,8 @@ def _best_of(places: Iterable[Place]) -> list[Place]:
     """The best place, and another one if it is not clearly worse, which is enough to give up."""
     left: list[Place] = []
     for place in places:
-        if not left or place.evidence_against(left[0]) < 0:
-            left = [place, *(each for each in left if each.is_rival_of(place))]
-        elif place.is_rival_of(left[0]):
-            left.append(place)
+        best, *worse = sorted([*left, place], key=cmp_to_key(Place.evidence_against))
+        left = [best, *(each for each in worse if each.is_rival_of(best))]
         if len(left) > 1:
             break
     return left
