@@ -15,18 +15,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fields import Fields, Positive, Triple
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import about
+from ftp_dent_ros.rigid import Array, about
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.yaml_file import read_yaml
-
-Array = NDArray[np.float64]
 
 # Points that tell a frame.
 _NEEDED = 3

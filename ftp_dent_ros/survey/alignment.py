@@ -17,13 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import cross
+from ftp_dent_ros.rigid import Array, cross
 from ftp_dent_ros.robust import cauchy, deviation
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
-
-Array = NDArray[np.float64]
-
 
 APART = 'they do not overlap'
 

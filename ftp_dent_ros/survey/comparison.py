@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
 from ftp_dent_ros.dents.dent import COVERAGE
@@ -19,6 +18,7 @@ from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, sigmas_apa
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread, table
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
 from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import DentMatching, match
@@ -49,7 +49,6 @@ _DAMAGE = {'dent', 'crease', 'gouge'}
 # Standard deviations of a place in the other survey, around which it must have been looked at.
 _AROUND = 3.0
 
-Array = NDArray[np.float64]
 
 # Of the map and its margin, the drawing's units.
 _WIDTH, _MARGIN = 1000.0, 40.0

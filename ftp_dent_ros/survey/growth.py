@@ -22,6 +22,7 @@ from scipy.stats import t as student
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.robust import deviation
 from ftp_dent_ros.survey.result import SurveyedDent
 
@@ -33,8 +34,6 @@ _FALSE_ALARM = {'depth': 5e-3 * 0.9, 'length': 5e-3 * 0.05, 'width': 5e-3 * 0.05
 _TRUST = 4.0
 # Two calibrations' common factor on sizes, before there are dents: within 1 %.
 _SCALE = 0.01
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.alignment import PairEquations
-
-Array = NDArray[np.float64]
 
 # Standard deviations of what calibrations leave (20 rendered rigs): focal lengths and
 # baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off

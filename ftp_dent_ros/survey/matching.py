@@ -22,9 +22,9 @@ from ftp_dent_ros.dents.dent import MeasuredDent
 from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, centre_deviations
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.tying import REACH, agreeing
 
-Array = NDArray[np.float64]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 # Standard deviations within which two are taken for the same.

@@ -21,6 +21,7 @@ from scipy.special import expit, softmax
 
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.rigid import (
+    Array,
     about,
     changes,
     motions,
@@ -39,8 +40,6 @@ _ANCHOR = np.eye(6) * 1e-12
 _UNTOLD = np.diag([0.5**2] * 3 + [0.3**2] * 3)
 # Squared error, in variances a direction, at which a pair counts a quarter.
 _HALF = 16.0
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,8 +344,7 @@ def _moved(turns: Array, places: Array, fixed: int, step: Array) -> tuple[Array,
     turns, places = turns.copy(), places.copy()
     at, turn = places[fixed:], step[:, 3:]
     off, shift = motions(np.concatenate([step[:, :3] - np.cross(turn, at), turn], axis=1))
-    turns[fixed:] = off @ turns[fixed:]
-    places[fixed:] = (off @ at[..., None])[..., 0] + shift
+    turns[fixed:], places[fixed:] = off @ turns[fixed:], _turned(off, at) + shift
     return turns, places
 
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.unrolled import LARGEST, Unrolled
 
 Grid = NDArray[np.float32]
-Array = NDArray[np.float64]
 Window = tuple[slice, slice]
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import moved, moved_along, seen_along, twist_between
+from ftp_dent_ros.rigid import Array, moved, moved_along, seen_along, twist_between
 from ftp_dent_ros.survey.alignment import (
     APART,
     PairEquations,
@@ -40,7 +40,6 @@ _AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
 # Standard deviations of the evidence against a place beyond which it is not the right one.
 _CLEARLY = 4.5
 
-Array = NDArray[np.float64]
 
 # Of the cells that are correlated, metres: marks are a few millimetres wide.
 _CELL = 0.003
