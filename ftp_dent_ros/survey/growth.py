@@ -21,7 +21,6 @@ from scipy.signal import correlate
 from scipy.stats import t as student
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
-from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.robust import deviation
 from ftp_dent_ros.survey.result import SurveyedDent
@@ -163,15 +162,13 @@ def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
     return CommonFactor(factor, spread, noise, freedom)
 
 
-def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Array:
+def depth_growth(earlier: SurveyedDent, later: SurveyedDent) -> Array:
     """Depth of a dent in the later survey less that in the earlier one, by the skin about it.
 
     Parameters
     ----------
     earlier, later : SurveyedDent
-        The same dent.
-    to_later : Pose
-        Of the earlier survey's frame in the later one's, about the dent.
+        The same dent, in one frame.
 
     Returns
     -------
@@ -191,7 +188,7 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
     slide, growth = np.zeros(2), unknown
     for _ in range(3):
         # Heights of the later skin above the plane of the earlier dent.
-        after = later.relief.above(to_later.apply(earlier.relief.plane(dent, slide)), later.dent)
+        after = later.relief.above(earlier.relief.plane(dent, slide), later.dent)
         known = np.isfinite(before) & np.isfinite(after)
         # Times the ellipse of the dent's sizes, from which on the skin is undeformed.
         ring = known & (far > 1.25)

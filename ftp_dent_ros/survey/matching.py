@@ -59,18 +59,21 @@ class DentMatching:
         shift, spread = self.deformation.shift(moved)
         return moved + shift, spread
 
-    def in_later(self, places: Array) -> tuple[Array, Array]:
-        """Places of the earlier survey in the later one, and their standard deviation."""
+    def in_later(self, places: Array) -> Array:
+        """Places of the earlier survey in the later one."""
         # Shifts change by a hundredth of the way, so that two steps leave micrometres.
         shift, _ = self.deformation.shift(places)
-        shift, spread = self.deformation.shift(places - shift)
-        return self.motion.inverse().apply(places - shift), spread
+        shift, _ = self.deformation.shift(places - shift)
+        return self.motion.inverse().apply(places - shift)
+
+    def spread(self, place: Array) -> float:
+        """Standard deviation of a place of the earlier survey in the later one."""
+        return float(self.in_earlier(place[None])[1][0])
 
     def near(self, place: Array) -> Pose:
         """Of the earlier survey's frame in the later one's, about a place of the earlier one."""
         turn = self.motion.rotation.inv()
-        places, _ = self.in_later(place[None])
-        return Pose(turn, places[0] - turn.apply(place))
+        return Pose(turn, self.in_later(place[None])[0] - turn.apply(place))
 
 
 class NoMatchError(InputError):
@@ -107,9 +110,8 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Den
             'check that they are of the same aircraft and overlap'
         )
     motion = motions[same[0]]
-    moved = motion.apply(here)
-    i, j = _followed_pairs(earlier, later, moved, place, (theirs[same[0]], ours[same[0]]))
-    deformation = _fit(moved[j], there[i] - moved[j], place[i, j])
+    begin = theirs[same[0]], ours[same[0]]
+    (i, j), deformation = _followed_pairs(earlier, later, motion.apply(here), place, begin)
     return DentMatching(tuple(zip(i.tolist(), j.tolist(), strict=True)), motion, deformation)
 
 
@@ -130,8 +132,8 @@ def _followed_pairs(
     moved: Array,
     place: Array,
     pairs: Pairs,
-) -> Pairs:
-    """From some pairs outward, until nothing is added."""
+) -> tuple[Pairs, Deformation]:
+    """From some pairs outward, until nothing is added; and how these lie to each other."""
     there = _positions(earlier)
     signs, lengths, cut = (
         [np.nan_to_num([of(dent) for dent in dents]) for dents in (earlier, later)]
@@ -149,13 +151,14 @@ def _followed_pairs(
     half = np.maximum.outer(*cut) * np.maximum.outer(*lengths) / 2
     while True:
         i, j = pairs
-        shift, spread = _fit(moved[j], there[i] - moved[j], place[i, j]).shift(moved)
+        deformation = _fit(moved[j], there[i] - moved[j], place[i, j])
+        shift, spread = deformation.shift(moved)
         off = cdist(there, moved + shift)
         sigma = np.hypot(spread, math.sqrt(2) * place)
         reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
         found = assigned(np.where(alike & (off < reach), off / sigma, np.inf))
         if len(found[0]) <= len(i):
-            return pairs
+            return pairs, deformation
         pairs = found
 
 
