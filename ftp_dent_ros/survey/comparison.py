@@ -164,8 +164,8 @@ def compare(
     matching = match([each.dent for each in before], [each.dent for each in after])
     # From here on all is in the later survey's frame.
     before = [_carried(each, matching) for each in before]
-    cells = replace(earlier.coverage, positions=matching.in_later(earlier.coverage.positions))
-    looked = replace(earlier, coverage=cells)
+    cells = matching.in_later(earlier.coverage.positions.astype(float)).astype(np.float32)
+    looked = replace(earlier, coverage=replace(earlier.coverage, positions=cells))
     same = [(before[i], after[j]) for i, j in matching.pairs]
     deeper = [depth_growth(a, b) for a, b in same]
     changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)

@@ -17,7 +17,7 @@ from ftp_dent_ros.rigid import seen_along
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
-from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
+from ftp_dent_ros.survey.pose_graph import JITTER, UNKNOWN, Node, PairLink, PoseGraph
 from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
 from ftp_dent_ros.survey.tying import REACH, agreeing
 
@@ -164,8 +164,9 @@ class Joining:
         last, there = self.graph.nodes[-1], self.graph.pose(-1)
         if stated is None:
             return there
-        is_told = last.stated is not None and last.flight == flight
-        return there @ last.stated.inverse() @ stated if is_told else stated
+        if last.stated is None or last.flight != flight:
+            return stated
+        return there @ last.stated.inverse() @ stated
 
     def _follow(self, number: int) -> None:
         """Lay a cloud on those before it in its flight."""
@@ -301,7 +302,8 @@ def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.
     if a.covariance is None or b.covariance is None:
         # Of a cloud's place seen from the one before: metres, radians.
         return np.diag([0.08**2] * 3 + [0.03**2] * 3) * max(1, min(second - first, 3))
-    changed = 1 - share_kept(a, b)
+    kept = np.exp(-abs(b.seconds - a.seconds) / UNKNOWN[1, 0])
+    changed = 1 - kept * (a.flight == b.flight)
     here, there = graph.pose(first), graph.pose(second)
     axes, arm = here.rotation.as_matrix(), there.translation - here.translation
     # The first one's turn moves what lies at the end of the arm.

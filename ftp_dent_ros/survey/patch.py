@@ -81,10 +81,10 @@ class SkinPatch:
     @cached_property
     def surface(self) -> Grid:
         """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4)."""
+        slopes: Any = np.gradient(self.height, self.pitch)
         sigma = self.sigma * np.float32(1e-3)
-        along_y, along_x = np.gradient(self.height, self.pitch)
-        surface: Any = cv2.merge([self.height, along_x, along_y, sigma])
-        unknown = np.isnan(along_x + along_y + sigma)
+        surface: Any = cv2.merge([self.height, *slopes[::-1], sigma])
+        unknown = np.isnan(surface).any(axis=-1)
         unknown[[0, -1]] = unknown[:, [0, -1]] = True
         surface[unknown] = np.nan
         return surface
@@ -121,8 +121,8 @@ class SkinPatch:
             )
             for reach in (3, 3 + 2 * math.ceil(width))
         )
-        along_y, along_x = np.gradient(rest, self.pitch)
-        paint: Any = cv2.merge([rest, along_x, along_y, fine])
+        slopes: Any = np.gradient(rest, self.pitch)
+        paint: Any = cv2.merge([rest, *slopes[::-1], fine])
         smoothed: Any = cv2.merge([smooth * coarse, coarse])
         return paint * fine[..., None], smoothed
 
@@ -193,13 +193,12 @@ def patch_of(cloud: Cloud) -> SkinPatch:
     frame = _tangent(cloud.points[some].astype(float))
     everywhere = frame.inverse().apply(cloud.points.astype(np.float32, copy=False))
     places, heights = np.ascontiguousarray(everywhere[..., :2]), everywhere[..., 2]
-    place = places[some].astype(float)
     # Of the grid, by the cloud's own spacing.
     steps = np.linalg.norm(np.diff(everywhere[:: max(1, len(everywhere) // 24)], axis=1), axis=-1)
     size = 1.5 * float(np.nanmedian(steps))
     _check_spread(places[valid], heights[valid], size)
-    low, high = place.min(axis=0), place.max(axis=0)
-    count = np.ceil((high - low) / size).astype(int) + 1
+    low = places[some].min(axis=0).astype(float)
+    count = np.ceil(np.ptp(places[some], axis=0) / size).astype(int) + 1
     u, v = cells(places, some, low, size, count)
     # Of a point, where a cloud does not tell its uncertainty, metres.
     sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(5e-5))

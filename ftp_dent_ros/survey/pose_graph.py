@@ -61,20 +61,6 @@ class PairLink:
     relative: RelativePose
 
 
-def share_kept(earlier: Node, later: Node, seconds: Any = 5.0) -> Any:
-    """Share of an autopilot's error at one cloud that is still there at another.
-
-    Parameters
-    ----------
-    earlier, later : Node
-    seconds : float or ndarray
-        After which it is another one: by default the shortest that hovering ones were seen to
-        have; a longer one would believe more of it.
-    """
-    is_same = earlier.flight == later.flight
-    return is_same * np.exp(-abs(later.seconds - earlier.seconds) / seconds)
-
-
 def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
     """How an autopilot's error of a flight changes: one part is constant, the other drifts.
 
@@ -133,8 +119,10 @@ def _chain(share: Any, seconds: Any, spreads: Array, times: Array) -> tuple[Arra
     return keep, change * (1 + keep)
 
 
-# As long as a flight does not tell: all of an error drifts.
-_UNKNOWN = np.stack([np.ones(6), np.full(6, 5.0)])
+#: As long as a flight does not tell: all of an error drifts, and seconds after which it is another
+#: one are the shortest that hovering autopilots were seen to have; a longer time would believe
+#: more of it.
+UNKNOWN = np.stack([np.ones(6), np.full(6, 5.0)])
 
 
 class PoseGraph:
@@ -158,7 +146,6 @@ class PoseGraph:
         self.drifts: dict[int, Array] = {}
         # Squares of the links' errors, in variances a direction, as poses were last found.
         self._misfits: dict[int, float] = {}
-        self._all_moved = 0
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
@@ -169,11 +156,9 @@ class PoseGraph:
     @property
     def placed(self) -> dict[int, list[int]]:
         """Numbers of the poses that the autopilot tells, by their flights."""
-        placed = dict[int, list[int]]()
-        for number, node in enumerate(self.nodes):
-            if node.covariance is not None:
-                placed.setdefault(node.flight, []).append(number)
-        return placed
+        told = [k for k, node in enumerate(self.nodes) if node.covariance is not None]
+        flights = sorted({self.nodes[k].flight for k in told})
+        return {each: [k for k in told if self.nodes[k].flight == each] for each in flights}
 
     @property
     def poses(self) -> list[Pose]:
@@ -183,12 +168,6 @@ class PoseGraph:
     def pose(self, number: int) -> Pose:
         """Of a cloud's camera, as it is found."""
         return Pose(Rotation.from_matrix(self.turns[number]), self.places[number].copy())
-
-    def stated(self, number: int) -> Pose:
-        """What is said of a pose; where nothing is, as it is found. Of a flight's error: none."""
-        if number >= len(self.nodes):
-            return IDENTITY
-        return self.nodes[number].stated or self.pose(number)
 
     def put(self, number: int, pose: Pose) -> None:
         """Move one pose."""
@@ -222,12 +201,11 @@ class PoseGraph:
 
     def update(self) -> None:
         """Move the last poses, and now and then all, after a pose and its links came."""
-        number = len(self.nodes) - 1
-        # Poses that move as each cloud comes; and clouds, and their share, after which all do.
-        self.solve(max(0, number - 20))
-        if number - self._all_moved >= max(4, 0.05 * number):
+        count = len(self.nodes)
+        # Poses that move as each cloud comes; and after how many more, by their share, all do.
+        self.solve(max(0, count - 21))
+        if count % max(4, count // 20) == 0:
             self.solve()
-            self._all_moved = number
 
     def settle(self) -> None:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
@@ -242,9 +220,10 @@ class PoseGraph:
                 most = np.bincount(groups[placed]).argmax()
                 tied = [k for k in placed if groups[k] == most]
                 if len(tied) > 2:
-                    said = _arrays([self.stated(k) for k in tied])
+                    nodes = [self.nodes[k] for k in tied]
+                    said = _arrays([node.stated or IDENTITY for node in nodes])
                     errors = _off(self.turns[tied], self.places[tied], *said)
-                    self.drifts[flight] = drift_of(errors, [self.nodes[k] for k in tied])
+                    self.drifts[flight] = drift_of(errors, nodes)
             self.solve()
 
     def solve(self, fixed: int = 0) -> None:
@@ -382,7 +361,9 @@ class Terms:
         shares = [each for parts, _ in stated for each in parts]
         self._of, self._shares = (np.array(each) for each in zip(*shares, strict=True))
         self._begin = np.cumsum([0, *(len(parts) for parts, _ in stated)])
-        self._said = _arrays([graph.stated(number) for number, _ in shares])
+        # Of a pose that nothing is said of, as it is found; of a flight's error, that it is none.
+        said = [*(node.stated for node in graph.nodes), *[IDENTITY] * len(graph.drifts)]
+        self._said = _arrays([said[number] or graph.pose(number) for number, _ in shares])
         information = [each.information for each in relative]
         self._information = np.array([*information, *(np.linalg.inv(each) for _, each in stated)])
         #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
@@ -462,7 +443,7 @@ def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[Stated]:
     for flight, placed in flights.items():
         some = placed[max(0, bisect_left(placed, fixed) - 1) :]
         spreads, times = _stated_of([nodes[k] for k in some])
-        share, seconds = graph.drifts.get(flight, _UNKNOWN)
+        share, seconds = graph.drifts.get(flight, UNKNOWN)
         for k, before, keep, new, spread in zip(
             some, [some[0], *some], *_chain(share, seconds, spreads, times), spreads, strict=False
         ):

@@ -140,7 +140,8 @@ def cells(
     scaled = (x - middle[0]) / half[0], (y - middle[1]) / half[1]
     u, v = polygrid2d(*scaled, weights).swapaxes(1, 2).astype(np.float32)
     # How column and row change with x and y: as in the middle is near enough.
-    along_x, along_y = np.float32([weights[1, 0] / half[0], weights[0, 1] / half[1]])
+    changes = np.stack([weights[1, 0] / half[0], weights[0, 1] / half[1]])
+    along_x, along_y = changes.astype(np.float32)
     wanted_x, wanted_y = x.astype(np.float32), y.astype(np.float32)[:, None]
     # After two corrections it is exact.
     for _ in range(2):

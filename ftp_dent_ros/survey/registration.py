@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cmp_to_key, partial
+from functools import partial
 
 import cv2
 import numpy as np
@@ -293,8 +293,9 @@ def _best_of(places: Iterable[Place]) -> list[Place]:
     """The best place, and another one if it is not clearly worse, which is enough to give up."""
     left: list[Place] = []
     for place in places:
-        best, *worse = sorted([*left, place], key=cmp_to_key(Place.evidence_against))
-        left = [best, *(each for each in worse if each.is_rival_of(best))]
+        both = [*left, place]
+        best = min(both, key=lambda each: max(each.evidence_against(other) for other in both))
+        left = [best, *(each for each in both if each is not best and each.is_rival_of(best))]
         if len(left) > 1:
             break
     return left
