@@ -128,8 +128,8 @@ def _contradiction(points: Sequence[ReferencePoint], frame: AircraftFrame) -> st
         f'the reference points contradict each other by up to {frame.worst * 1e3:.1f} mm, more '
         'than their uncertainties allow'
     )
-    several = points if len(points) > _NEEDED else ()
-    fits = [(_fitted([each for each in points if each is not left]), left) for left in several]
+    fits = [(_fitted([each for each in points if each is not left]), left) for left in points]
+    # Of three points that are left, and of no two.
     most = chi2.isf(_REFUSED, 3 * len(points) - 9)
     right = [(without, left) for (without, misfit), left in fits if misfit <= most]
     if len(right) == 1:

@@ -220,8 +220,7 @@ class Deformation:
     Attributes
     ----------
     at : ndarray, shape (n, 3)
-        Places that were matched, metres, about `middle`.
-    middle : ndarray, shape (3,)
+        Places that were matched, metres.
     weights : ndarray, shape (n, 3)
         Of the kriging.
     factor : tuple
@@ -231,14 +230,12 @@ class Deformation:
     """
 
     at: Array
-    middle: Array
     weights: Array
     factor: tuple[Array, bool]
     walk: float
 
     def shift(self, places: Array) -> tuple[Array, Array]:
         """Shifts of places, shape (m, 3), and the standard deviation of each, shape (m,)."""
-        places = places - self.middle
         across = _covariance(places, self.at, self.walk)
         prior = _FREE_SHIFT**2 + _FREE_TURN**2 * (places**2).sum(axis=1) + self.walk * _LENGTH
         explained = (across * cho_solve(self.factor, across.T).T).sum(axis=1)
@@ -255,12 +252,11 @@ def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
     spreads : ndarray, shape (n,)
         Standard deviation of each of both places without the maps' own errors, metres.
     """
-    middle = at.mean(axis=0)
     fits = []
     # Variance of a component that a metre of walk adds, square metres: from hundredths of a
     # millimetre (clouds laid on each other by their skin) to centimetres (by an autopilot).
     for walk in np.geomspace(1e-10, 1e-4, 13):
-        covariance = _covariance(at - middle, at - middle, walk) + np.diag(2 * spreads**2)
+        covariance = _covariance(at, at, walk) + np.diag(2 * spreads**2)
         factor = cho_factor(covariance, lower=True)
         weights = cho_solve(factor, shifts)
         likelihood = -0.5 * float((shifts * weights).sum())
@@ -268,11 +264,11 @@ def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
         # What is expected of it before there are dents: a millimetre over a metre, give or take a
         # factor of ten (natural logarithm of a variance).
         likelihood -= 0.5 * (float(np.log(walk / 1e-6)) / 4.6) ** 2
-        fits.append((likelihood, Deformation(at - middle, middle, weights, factor, float(walk))))
+        fits.append((likelihood, Deformation(at, weights, factor, float(walk))))
     return max(fits, key=lambda fit: fit[0])[1]
 
 
 def _covariance(a: Array, b: Array, walk: float) -> Array:
-    """Of the shifts along one axis at two sets of places about the middle."""
+    """Of the shifts along one axis at two sets of places."""
     rigid = _FREE_SHIFT**2 + _FREE_TURN**2 * a @ b.T
     return rigid + walk * _LENGTH * np.exp(-cdist(a, b) / _LENGTH)

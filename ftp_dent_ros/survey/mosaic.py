@@ -53,20 +53,10 @@ class Mosaic(Raster):
         self._owner = np.full(cells, _FREE)
         self._findable, self._noise = np.full((2, *cells), np.nan, np.float32)
 
-    def claim(self, places: NDArray, share: float, group: int) -> None:
-        """Have one group of clouds alone drawn where its points cover half of a cell.
-
-        Parameters
-        ----------
-        places : ndarray, shape (n, 2 or more)
-        share : float
-            Of a cell, that a point stands for.
-        group : int
-        """
-        at = np.floor((places[:, :2] - self.low) / CELL).astype(int)
-        (column, row), count = np.unique(at.T, axis=1, return_counts=True)
-        is_covered = share * count >= 0.5
-        self._owner[row[is_covered], column[is_covered]] = group
+    def claim(self, places: NDArray, group: int) -> None:
+        """Have one group of clouds alone drawn in the cells of its places, (n, 2 or more)."""
+        column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
+        self._owner[row, column] = group
 
     def owner(self, place: NDArray[np.float64]) -> int:
         """The group that is drawn at a place of shape (3,); less than 0 where none is."""

@@ -260,8 +260,7 @@ class FusedSkin:
         self.mosaic, sizes = Mosaic(skin, *_extent(places)), np.bincount(self._groups)
         # Where several groups lie, the largest is drawn.
         for number in np.lexsort((self._groups, sizes[self._groups])):
-            share = joined.footprints[number].share
-            self.mosaic.claim(places[number], share, self._groups[number])
+            self.mosaic.claim(places[number], self._groups[number])
         # What the clouds of a group tell together: of one by itself there is none.
         self._fusions = {
             group: Fusion(
