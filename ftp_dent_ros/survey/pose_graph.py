@@ -299,14 +299,12 @@ def _stepped(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
     errors, tolerance = terms.errors(turns, places), math.inf
     for _ in range(40):
         jacobian, weighted = terms.weighted(turns, places, errors, tolerance)
-        step = -_factored(weighted @ jacobian).solve(weighted @ errors.ravel()).reshape(-1, 6)
-        there = _moved(turns, places, terms.fixed, step)
-        off = terms.errors(*there)
-        gain = terms.cost(errors, tolerance) - terms.cost(off, tolerance)
-        if gain > 0:
-            (turns, places), errors = there, off
-        # Variances, of all that is known together, that are a gain.
-        if gain > 0.1 and tolerance in (1.0, math.inf):
+        pull = weighted @ errors.ravel()
+        step = _factored(weighted @ jacobian).solve(-pull)
+        turns, places = _moved(turns, places, terms.fixed, step.reshape(-1, 6))
+        errors = terms.errors(turns, places)
+        # Variances, of all that is known together, that a step promises and are a gain.
+        if -pull @ step > 0.1 and tolerance in (1.0, math.inf):
             continue
         if tolerance == 1.0:
             break
@@ -381,16 +379,8 @@ class Terms:
 
     def misfits(self, errors: Array) -> Array:
         """Squares of the links' errors, in variances, by their directions; shape (links,)."""
-        return self._squares(errors)[: len(self.links)] / self._rank
-
-    def cost(self, errors: Array, tolerance: float = 1.0) -> float:
-        """Robust sum of squares."""
-        misfits = self.misfits(errors)
-        of_links = self._rank @ (misfits / (1 + misfits / (_HALF * tolerance)))
-        return float(of_links + self._squares(errors)[len(misfits) :].sum())
-
-    def _squares(self, errors: Array) -> Array:
-        return (errors * _turned(self._information, errors)).sum(axis=1)
+        squares = (errors * _turned(self._information, errors)).sum(axis=1)
+        return squares[: len(self.links)] / self._rank
 
     def weighted(
         self, turns: Array, places: Array, errors: Array, tolerance: float
