@@ -146,6 +146,7 @@ class PoseGraph:
         self.drifts: dict[int, Array] = {}
         # Squares of the links' errors, in variances a direction, as poses were last found.
         self._misfits: dict[int, float] = {}
+        self._all_moved = 0
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
@@ -201,11 +202,12 @@ class PoseGraph:
 
     def update(self) -> None:
         """Move the last poses, and now and then all, after a pose and its links came."""
-        count = len(self.nodes)
-        # Poses that move as each cloud comes; and after how many more, by their share, all do.
-        self.solve(max(0, count - 21))
-        if count % max(4, count // 20) == 0:
+        number = len(self.nodes) - 1
+        # Poses that move as each cloud comes; and clouds, and their share, after which all do.
+        self.solve(max(0, number - 20))
+        if number - self._all_moved >= max(4, 0.05 * number):
             self.solve()
+            self._all_moved = number
 
     def settle(self) -> None:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
@@ -342,10 +344,11 @@ class Terms:
 
     def __init__(self, graph: PoseGraph, fixed: int = 0, anchor: int | None = None) -> None:
         self.fixed = fixed
+        begin = bisect_left(graph.links, fixed, key=lambda link: link.second)
         told = {
             number: link
-            for number, link in enumerate(graph.links)
-            if link.second >= fixed and link.relative.rank
+            for number, link in enumerate(graph.links[begin:], begin)
+            if link.relative.rank
         }
         #: Numbers of the links that tell something.
         self.links, relative = list(told), [link.relative for link in told.values()]
@@ -360,8 +363,12 @@ class Terms:
         self._of, self._shares = (np.array(each) for each in zip(*shares, strict=True))
         self._begin = np.cumsum([0, *(len(parts) for parts, _ in stated)])
         # Of a pose that nothing is said of, as it is found; of a flight's error, that it is none.
-        said = [*(node.stated for node in graph.nodes), *[IDENTITY] * len(graph.drifts)]
-        self._said = _arrays([said[number] or graph.pose(number) for number, _ in shares])
+        self._said = _arrays(
+            [
+                graph.nodes[k].stated or graph.pose(k) if k < len(graph.nodes) else IDENTITY
+                for k, _ in shares
+            ]
+        )
         information = [each.information for each in relative]
         self._information = np.array([*information, *(np.linalg.inv(each) for _, each in stated)])
         #: How errors change with those that all clouds have in common, shape (terms, 6, 6).
