@@ -112,7 +112,7 @@ def _chain(share: Any, seconds: Any, spreads: Array, times: Array) -> tuple[Arra
     """
     anew = np.diag(JITTER) / spreads.diagonal(0, 1, 2)
     # Of the first one nothing is kept.
-    keep = np.exp(-np.diff(times, prepend=-math.inf)[:, None] / seconds)
+    keep = np.exp(-np.abs(np.diff(times, prepend=-math.inf))[:, None] / seconds)
     change = share * (1 - keep) + anew
     ratio = change / (share * (1 + keep) / np.maximum(1 - keep, 1e-9) + anew)
     keep = np.maximum(1 + ratio / 2 - np.sqrt(ratio**2 / 4 + 2 * ratio), 1e-6)
