@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix, identity
+from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
@@ -34,8 +34,6 @@ from ftp_dent_ros.survey.information import COMMON, RelativePose
 
 # What an autopilot errs anew each time, metres and radians.
 JITTER = np.diag([3e-3**2] * 3 + [1e-3**2] * 3)
-# Where nothing says where the survey lies: metres, radians.
-_ANCHOR = np.eye(6) * 1e-12
 # About where it lies, of a pose that nothing may tell: metres, radians.
 _UNTOLD = np.diag([0.5**2] * 3 + [0.3**2] * 3)
 # Squared error, in variances a direction, at which a pair counts a quarter.
@@ -254,19 +252,27 @@ class PoseGraph:
         Parameters
         ----------
         anchor : int, optional
-            The pose that is taken for exact; that of the map by default.
+            The pose that the others are seen from; the map by default, or, where nothing says
+            where that lies, the first one.
         only : sequence of int, optional
             Numbers of the poses that are asked for; all by default.
         """
-        terms, start = Terms(self, 0, anchor), self.unknowns()
+        terms, start, blocks = Terms(self), self.unknowns(), []
         jacobian, weighted = terms.weighted(*start, terms.errors(*start), 1.0)
         solver = _factored(weighted @ jacobian)
-        bent = solver.solve(weighted @ terms.common.reshape(-1, 6)).reshape(-1, 6, 6)
-        units, blocks = identity(jacobian.shape[1], format='csc'), []
+        bent = solver.solve(weighted @ terms.common.reshape(-1, 6))
+        if anchor is None and not self.placed:
+            anchor = 0
         for number in range(len(self.nodes)) if only is None else only:
-            own = slice(6 * number, 6 * number + 6)
-            block = solver.solve(units[:, own].toarray())[own]
-            block = block + bent[number] @ COMMON @ bent[number].T
+            # How what a pose errs by changes with all that is not known.
+            change = np.eye(6, len(bent), 6 * number)
+            if anchor is not None:
+                # The anchor's own error shifts and turns what is seen from it.
+                arm = self.places[number] - self.places[anchor]
+                carried = np.vstack([about(arm), np.eye(3, 6, 3)])
+                change[:, 6 * anchor : 6 * anchor + 6] -= carried
+            shared = change @ bent
+            block = change @ solver.solve(change.T) + shared @ COMMON @ shared.T
             blocks.append((block + block.T) / 2)
         return spread_of_shift(np.array(blocks))
 
@@ -338,11 +344,9 @@ class Terms:
     graph : PoseGraph
     fixed : int
         Number of the first pose that moves.
-    anchor : int, optional
-        The pose that is taken for exact; that of the map by default.
     """
 
-    def __init__(self, graph: PoseGraph, fixed: int = 0, anchor: int | None = None) -> None:
+    def __init__(self, graph: PoseGraph, fixed: int = 0) -> None:
         self.fixed = fixed
         begin = bisect_left(graph.links, fixed, key=lambda link: link.second)
         told = {
@@ -358,7 +362,7 @@ class Terms:
         self._back = np.swapaxes(turns, 1, 2)
         self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
         self._rank = np.array([each.rank for each in relative], float)
-        stated = _stated(graph, fixed, anchor)
+        stated = _stated(graph, fixed)
         shares = [each for parts, _ in stated for each in parts]
         self._of, self._shares = (np.array(each) for each in zip(*shares, strict=True))
         self._begin = np.cumsum([0, *(len(parts) for parts, _ in stated)])
@@ -422,20 +426,16 @@ class Terms:
 Stated = tuple[list[tuple[int, Array]], Array]
 
 
-def _stated(graph: PoseGraph, fixed: int, anchor: int | None) -> list[Stated]:
+def _stated(graph: PoseGraph, fixed: int) -> list[Stated]:
     """What the autopilot says: sums of shares of poses' errors, and the covariance of each.
 
     The error of a pose less what is left of the one before and of its flight's constant; those of
     the constants themselves; and where one is known by itself, that.
     """
     nodes, flights, whole = graph.nodes, graph.placed, np.ones(6)
-    if anchor is None and not flights:
-        anchor = 0
     stated: list[Stated] = [
         ([(k, whole)], _UNTOLD) for k in range(fixed, len(nodes)) if nodes[k].covariance is None
     ]
-    if anchor is not None and anchor >= fixed:
-        stated.append(([(anchor, whole)], _ANCHOR))
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
     for flight, placed in flights.items():
         some = placed[max(0, bisect_left(placed, fixed) - 1) :]
