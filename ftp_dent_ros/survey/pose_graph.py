@@ -6,7 +6,6 @@ Both are terms of one sparse least squares.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -130,7 +129,6 @@ class PoseGraph:
     ----------
     nodes : list of Node
     links : list of PairLink
-        Each second cloud's number is no less than the last one's.
     turns, places : ndarray, shape (n, 3, 3) and (n, 3)
         Of the poses, as they are found.
     drifts : dict of int to ndarray
@@ -144,7 +142,7 @@ class PoseGraph:
         self.drifts: dict[int, Array] = {}
         # Squares of the links' errors, in variances a direction, as poses were last found.
         self._misfits: dict[int, float] = {}
-        self._all_moved = 0
+        self._moved_at = 0
 
     def add(self, node: Node, guess: Pose) -> None:
         """Another pose, about where it is guessed to be."""
@@ -199,13 +197,11 @@ class PoseGraph:
         return some
 
     def update(self) -> None:
-        """Move the last poses, and now and then all, after a pose and its links came."""
-        number = len(self.nodes) - 1
-        # Poses that move as each cloud comes; and clouds, and their share, after which all do.
-        self.solve(max(0, number - 20))
-        if number - self._all_moved >= max(4, 0.05 * number):
+        """Move all poses now and then, after a pose and its links came."""
+        # Clouds, and their share, after which they do.
+        if len(self.nodes) - self._moved_at >= max(4, 0.05 * self._moved_at):
             self.solve()
-            self._all_moved = number
+            self._moved_at = len(self.nodes)
 
     def settle(self) -> None:
         """Move all poses to where they agree best, and learn how the autopilot's errors change."""
@@ -226,9 +222,9 @@ class PoseGraph:
                     self.drifts[flight] = drift_of(errors, nodes)
             self.solve()
 
-    def solve(self, fixed: int = 0) -> None:
-        """Move the poses from number `fixed` on to where they agree best."""
-        terms, count = Terms(self, fixed), len(self.nodes)
+    def solve(self) -> None:
+        """Move all poses to where they agree best."""
+        terms, count = Terms(self), len(self.nodes)
         turns, places = _stepped(terms, *self.unknowns())
         self.turns, self.places = turns[:count], places[:count]
         misfits = terms.misfits(terms.errors(turns, places))
@@ -309,7 +305,7 @@ def _stepped(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
         jacobian, weighted = terms.weighted(turns, places, errors, tolerance)
         pull = weighted @ errors.ravel()
         step = _factored(weighted @ jacobian).solve(-pull)
-        turns, places = _moved(turns, places, terms.fixed, step.reshape(-1, 6))
+        turns, places = _moved(turns, places, step.reshape(-1, 6))
         errors = terms.errors(turns, places)
         # Variances, of all that is known together, that a step promises and are a gain.
         if -pull @ step > 0.1 and tolerance in (1.0, math.inf):
@@ -321,20 +317,18 @@ def _stepped(terms: Terms, turns: Array, places: Array) -> tuple[Array, Array]:
     return turns, places
 
 
-def _moved(turns: Array, places: Array, fixed: int, step: Array) -> tuple[Array, Array]:
-    """Poses after a step of those from a number on.
+def _moved(turns: Array, places: Array, step: Array) -> tuple[Array, Array]:
+    """Poses after a step.
 
     Each moves along its screw, so that what slides or turns as one stays as it is, however far.
     """
-    turns, places = turns.copy(), places.copy()
-    at, turn = places[fixed:], step[:, 3:]
-    off, shift = motions(np.concatenate([step[:, :3] - np.cross(turn, at), turn], axis=1))
-    turns[fixed:], places[fixed:] = off @ turns[fixed:], _turned(off, at) + shift
-    return turns, places
+    turn = step[:, 3:]
+    off, shift = motions(np.concatenate([step[:, :3] - np.cross(turn, places), turn], axis=1))
+    return off @ turns, _turned(off, places) + shift
 
 
 class Terms:
-    """Errors of all that is known of the poses from number `fixed` on, and what they weigh.
+    """Errors of all that is known of the poses, and what they weigh.
 
     First those of the links, as twists from what they tell to where poses are; then those of what
     the autopilot says, each a sum of shares of poses' errors.
@@ -342,18 +336,10 @@ class Terms:
     Parameters
     ----------
     graph : PoseGraph
-    fixed : int
-        Number of the first pose that moves.
     """
 
-    def __init__(self, graph: PoseGraph, fixed: int = 0) -> None:
-        self.fixed = fixed
-        begin = bisect_left(graph.links, fixed, key=lambda link: link.second)
-        told = {
-            number: link
-            for number, link in enumerate(graph.links[begin:], begin)
-            if link.relative.rank
-        }
+    def __init__(self, graph: PoseGraph) -> None:
+        told = {k: link for k, link in enumerate(graph.links) if link.relative.rank}
         #: Numbers of the links that tell something.
         self.links, relative = list(told), [link.relative for link in told.values()]
         ends = [(link.first, link.second) for link in told.values()]
@@ -362,7 +348,7 @@ class Terms:
         self._back = np.swapaxes(turns, 1, 2)
         self._centre = np.array([each.centre for each in relative]).reshape(-1, 3)
         self._rank = np.array([each.rank for each in relative], float)
-        stated = _stated(graph, fixed)
+        stated = _stated(graph)
         shares = [each for parts, _ in stated for each in parts]
         self._of, self._shares = (np.array(each) for each in zip(*shares, strict=True))
         self._begin = np.cumsum([0, *(len(parts) for parts, _ in stated)])
@@ -414,7 +400,6 @@ class Terms:
         rows = np.concatenate([2 * np.arange(count), 2 * count + self._begin])
         size = (6 * total, 6 * len(turns))
         jacobian = bsr_matrix((np.concatenate(blocks), columns, rows), size).tocsr()
-        jacobian = jacobian[:, 6 * self.fixed :]
         jacobian.eliminate_zeros()
         heard = geman_mcclure(self.misfits(errors), _HALF * tolerance)
         information = self._information.copy()
@@ -426,7 +411,7 @@ class Terms:
 Stated = tuple[list[tuple[int, Array]], Array]
 
 
-def _stated(graph: PoseGraph, fixed: int) -> list[Stated]:
+def _stated(graph: PoseGraph) -> list[Stated]:
     """What the autopilot says: sums of shares of poses' errors, and the covariance of each.
 
     The error of a pose less what is left of the one before and of its flight's constant; those of
@@ -434,21 +419,20 @@ def _stated(graph: PoseGraph, fixed: int) -> list[Stated]:
     """
     nodes, flights, whole = graph.nodes, graph.placed, np.ones(6)
     stated: list[Stated] = [
-        ([(k, whole)], _UNTOLD) for k in range(fixed, len(nodes)) if nodes[k].covariance is None
+        ([(k, whole)], _UNTOLD) for k, node in enumerate(nodes) if node.covariance is None
     ]
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
     for flight, placed in flights.items():
-        some = placed[max(0, bisect_left(placed, fixed) - 1) :]
-        spreads, times = _stated_of([nodes[k] for k in some])
+        spreads, times = _stated_of([nodes[k] for k in placed])
         share, seconds = graph.drifts.get(flight, UNKNOWN)
+        kept, changed = _chain(share, seconds, spreads, times)
         for k, before, keep, new, spread in zip(
-            some, [some[0], *some], *_chain(share, seconds, spreads, times), spreads, strict=False
+            placed, [placed[0], *placed[:-1]], kept, changed, spreads, strict=True
         ):
             parts = [(k, whole), (before, -keep)]
             if flight in constants:
                 parts.append((constants[flight], keep - 1))
-            if k >= fixed:
-                stated.append((parts, spread * np.sqrt(np.outer(new, new))))
+            stated.append((parts, spread * np.sqrt(np.outer(new, new))))
     for flight, constant in constants.items():
         spread, left = nodes[flights[flight][0]].covariance, 1 - graph.drifts[flight][0]
         stated.append(([(constant, whole)], np.sqrt(np.outer(left, left)) * spread))
