@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.dents.dent import COVERAGE
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate
 from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
 from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
@@ -20,7 +20,7 @@ from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread, table
 from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
+from ftp_dent_ros.survey.growth import Change, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.unrolled import Unrolled
@@ -99,8 +99,8 @@ class Comparison:
     dents : tuple of ComparedDent
         In the order of `STATUSES`, the deepest first.
     matching : DentMatching
-    scales : mapping of str to CommonFactor
-        By the quantity.
+    scales : mapping of str to Estimate
+        By the quantity: the factor of the later survey's values.
     frame : AircraftFrame, optional
         In which locations are given.
     rules : Rules, optional
@@ -110,7 +110,7 @@ class Comparison:
     later: SurveyResult
     dents: tuple[ComparedDent, ...]
     matching: DentMatching
-    scales: Mapping[str, CommonFactor]
+    scales: Mapping[str, Estimate]
     frame: AircraftFrame | None = None
     rules: Rules | None = None
 
@@ -335,7 +335,7 @@ def headline(dents: Sequence[ComparedDent]) -> str:
 def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     matching, frame = comparison.matching, comparison.frame
     scales = ', '.join(
-        f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
+        f'{quantity} {100 * (each.value - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
         for quantity, each in comparison.scales.items()
     )
     facts = [

@@ -54,29 +54,10 @@ class Change:
     verdict: int
 
 
-@dataclass(frozen=True)
-class CommonFactor:
-    """What two surveys have in common in one quantity: the factor of the later one's values.
-
-    Attributes
-    ----------
-    factor, uncertainty : float
-    noise : float
-        Factor on the stated uncertainties.
-    freedom : float
-        Degrees of freedom of that.
-    """
-
-    factor: float
-    uncertainty: float
-    noise: float
-    freedom: float
-
-
 def changes_of(
     earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent], deeper: Sequence[Array]
-) -> tuple[list[dict[str, Change]], dict[str, CommonFactor]]:
-    """Changes of dents that are the same, in their order, and the surveys' common factors.
+) -> tuple[list[dict[str, Change]], dict[str, Estimate]]:
+    """Changes of dents that are the same, in their order, and the later values' common factors.
 
     Both are by the quantity: depth, length and width.
 
@@ -104,7 +85,7 @@ def changes_of(
 
 def _changes(
     false_alarm: float, earlier: Array, later: Array, given: Array, usable: NDArray[np.bool_]
-) -> tuple[CommonFactor, dict[int, Change]]:
+) -> tuple[Estimate, dict[int, Change]]:
     """Changes of values and their uncertainties, shape (n, 2), by the number of the dent."""
     before, after = earlier[:, 0], later[:, 0]
     growth, spread, freedom = given.T
@@ -117,13 +98,11 @@ def _changes(
     factors = []
     for part in (by_skin, ~by_skin):
         some = known & part
-        common = _common_factor(before[some], after[some], stated[some])
-        change[part] = after[part] / common.factor - before[part]
-        uncertainty[part] = np.hypot(
-            common.noise * stated[part], before[part] * common.uncertainty
-        )
-        freedom[part] = np.minimum(freedom[part], common.freedom)
-        factors.append(common)
+        factor, noise, most = _common_factor(before[some], after[some], stated[some])
+        change[part] = after[part] / factor.value - before[part]
+        uncertainty[part] = np.hypot(noise * stated[part], before[part] * factor.uncertainty)
+        freedom[part] = np.minimum(freedom[part], most)
+        factors.append(factor)
     chances = 2 * student.sf(np.abs(change) / uncertainty, freedom)
     # Of what is not known, none.
     is_certain = chances <= false_alarm / max(usable.sum(), 1)
@@ -143,8 +122,8 @@ def _changes(
     }
 
 
-def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
-    """Factor of later over earlier values, and that on their noise."""
+def _common_factor(before: Array, after: Array, stated: Array) -> tuple[Estimate, float, float]:
+    """Factor of later over earlier values, that on their noise, and its degrees of freedom."""
     factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
     for _ in range(20 if len(before) else 0):
         off = (after - factor * before) / stated
@@ -159,7 +138,7 @@ def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
         information = float((weight * before**2).sum()) + _SCALE**-2
         factor = (float((weight * before * after).sum()) + _SCALE**-2) / information
         spread = information**-0.5
-    return CommonFactor(factor, spread, noise, freedom)
+    return Estimate(factor, spread), noise, freedom
 
 
 def depth_growth(earlier: SurveyedDent, later: SurveyedDent) -> Array:
