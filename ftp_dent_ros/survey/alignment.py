@@ -73,7 +73,7 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
         Hardly any lie on the other patch.
     """
     place = pose.apply(second.heights)
-    here = first.looked_up(first.surface, place)
+    here = first.below(place)
     met = np.isfinite(here[:, 0])
     # Of a pose's six unknowns, each by several.
     if met.sum() < 50:

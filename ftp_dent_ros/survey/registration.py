@@ -203,7 +203,7 @@ def _solved(
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
-    met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
+    met = np.isfinite(first.below(place)[:, 0])
     if met.sum() <= _LEAST_OVERLAP * len(place):
         raise UnlikePairError(APART)
     return place[met].mean(axis=0)
@@ -260,7 +260,7 @@ class Place:
         below, met = painted(first, samples, pose)
         paint = np.where(met, np.abs(below[:, 0] - samples.paint_values[:, 0]), np.nan)
         place = pose.apply(samples.heights)
-        below = first.looked_up(first.surface, place)
+        below = first.below(place)
         sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
         height = np.abs(place[:, 2] - below[:, 0]) / sigma
         return cls(pose, *near.away(pose), (paint, height))
