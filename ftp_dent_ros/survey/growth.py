@@ -6,7 +6,7 @@ together, over their number (Bonferroni). What two surveys have in common (what 
 reconstruction smooths, how an outline is drawn) drops out of their difference, which is therefore
 less uncertain than both figures are stated to be: by how much is learnt from the dents themselves,
 most of which have not grown. Where both surveys keep the skin about a dent, its depth's change is
-that of the skin itself (`depth_growth`), and the factor on its uncertainty is learnt from such.
+that of the skin itself (`depth_growth`).
 """
 
 from __future__ import annotations
@@ -94,15 +94,9 @@ def _changes(
     stated = np.where(by_skin, spread, np.hypot(earlier[:, 1], later[:, 1]))
     freedom = np.where(by_skin, freedom, math.inf)
     known = usable & np.isfinite(before) & np.isfinite(after) & (stated > 0)
-    change, uncertainty = np.full((2, len(before)), math.nan)
-    factors = []
-    for part in (by_skin, ~by_skin):
-        some = known & part
-        factor, noise, most = _common_factor(before[some], after[some], stated[some])
-        change[part] = after[part] / factor.value - before[part]
-        uncertainty[part] = np.hypot(noise * stated[part], before[part] * factor.uncertainty)
-        freedom[part] = np.minimum(freedom[part], most)
-        factors.append(factor)
+    factor, noise, most = _common_factor(before[known], after[known], stated[known])
+    change, freedom = after / factor.value - before, np.minimum(freedom, most)
+    uncertainty = np.hypot(noise * stated, before * factor.uncertainty)
     chances = 2 * student.sf(np.abs(change) / uncertainty, freedom)
     # Of what is not known, none.
     is_certain = chances <= false_alarm / max(usable.sum(), 1)
@@ -110,8 +104,6 @@ def _changes(
     scale = np.where(by_skin, change * earlier[:, 1] / before, 0.0)
     uncertainty = np.hypot(uncertainty, scale)
     half = student.ppf(0.975, freedom) * uncertainty
-    # Of most of the dents.
-    factor = factors[0] if 2 * by_skin[usable].sum() > usable.sum() else factors[1]
     return factor, {
         k: Change(
             Estimate(float(change[k]), float(uncertainty[k])),

@@ -62,8 +62,6 @@ def pair_information(
     sure = (values > 0) & (values > 5.0 * chance)
     kept = directions[:, sure]
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
-    if not sure.any():
-        return np.zeros(6), np.zeros((6, 6)), 0
     own, other = own[:, sure], other[:, sure]
     weighted = found.weight[:, None] * own
     pull = (own + other) / 2 * (found.weight * found.residual)[:, None]

@@ -38,6 +38,9 @@ class Mosaic(Raster):
     ----------
     views : ndarray, shape (rows, columns), uint16
         How many clouds have points in each pixel.
+    findable : ndarray, shape (cells' rows, cells' columns), float32
+        Of each cell the smallest depth of a dent that would have been found in its middle by the
+        best cloud, metres; NaN where it is not known.
     """
 
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
@@ -47,11 +50,10 @@ class Mosaic(Raster):
             np.zeros((6, *self.shape), np.float32)
         )
         self._steps = np.zeros(self.shape, np.uint8)
-        # Of each cell the group of clouds that is drawn there, and by the best cloud the depth of
-        # a dent that would have been found, and its noise.
+        # Of each cell the group of clouds that is drawn there.
         cells = self.shape[0] // PIXELS_A_CELL, self.shape[1] // PIXELS_A_CELL
         self._owner = np.full(cells, _FREE)
-        self._findable, self._noise = np.full((2, *cells), np.nan, np.float32)
+        self.findable = np.full(cells, np.nan, np.float32)
 
     def claim(self, places: NDArray, group: int) -> None:
         """Have one group of clouds alone drawn in the cells of its places, (n, 2 or more)."""
@@ -95,12 +97,8 @@ class Mosaic(Raster):
         cv2.fillPoly(self._steps, [each.astype(np.int32) for each in flat], 1)
         # Of each cell, at its middle.
         u, v, seen = (_by_cell(each)[..., PIXELS_A_CELL**2 // 2] for each in (u, v, seen))
-        findable, noise = (
-            remap(each, u, v, cv2.INTER_NEAREST) for each in (found.findable, found.noise)
-        )
-        better = seen & np.isfinite(findable) & ~(self._findable[down, across] <= findable)
-        self._findable[down, across][better] = findable[better]
-        self._noise[down, across][better] = noise[better]
+        findable = np.where(seen, remap(found.findable, u, v, cv2.INTER_NEAREST), np.nan)
+        self.findable[down, across] = np.fmin(self.findable[down, across], findable)
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -122,7 +120,7 @@ class Mosaic(Raster):
         return np.where(is_known, mean, np.float32(np.nan))
 
     def cloud(self) -> Cloud:
-        """Middle of each cell, with the skin image as intensity and the noise as sigma."""
+        """Middle of each cell, with the skin image as intensity."""
         count, seen, light, total = (
             _by_cell(each).sum(axis=-1)
             for each in (self.views, self._seen, self._image, self._height)
@@ -130,17 +128,12 @@ class Mosaic(Raster):
         height = np.where(count > 0, total / np.maximum(count, 1), np.nan)
         middles = self.low + CELL * (np.moveaxis(np.indices(count.shape)[::-1], 0, -1) + 0.5)
         points = self.skin.points(middles, height).astype(np.float32)
-        return Cloud(points, light / np.maximum(seen, 1), self._noise)
+        return Cloud(points, light / np.maximum(seen, 1))
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
         measured = self.measured()
         return CoverageCells(CELL, self.cloud().points[measured], self.findable[measured])
-
-    @property
-    def findable(self) -> NDArray[np.float32]:
-        """Of each cell the smallest depth of a dent that would have been found, metres, or NaN."""
-        return np.where(self.measured(), self._findable, np.float32(np.nan))
 
     def measured(self) -> NDArray[np.bool_]:
         """Mask of the cells of which half or more was measured."""

@@ -84,11 +84,11 @@ class SkinPatch:
 
         And half of what the height changes by from the patch's middle on, by these slopes.
         """
-        down, along = np.gradient(self.height, self.pitch)
+        slopes: Any = np.gradient(self.height, self.pitch)
         y, x = self.corner[::-1, None, None] + self.pitch * np.indices(self.height.shape)
-        rise = ((along * x + down * y) / 2).astype(np.float32)
+        rise = ((slopes[1] * x + slopes[0] * y) / 2).astype(np.float32)
         sigma = self.sigma * np.float32(1e-3)
-        surface: Any = cv2.merge([self.height, along, down, sigma, rise])
+        surface: Any = cv2.merge([self.height, *slopes[::-1], sigma, rise])
         unknown = np.isnan(surface).any(axis=-1)
         unknown[[0, -1]] = unknown[:, [0, -1]] = True
         surface[unknown] = np.nan

@@ -33,9 +33,7 @@ from ftp_dent_ros.survey.raster import remap
 
 # Share of the second cloud that has to lie on the first, and points of its paint.
 _LEAST_OVERLAP, _LEAST_PAINT = 0.15, 200
-_NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
-_AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
 
 # Standard deviations of the evidence against a place beyond which it is not the right one.
 _CLEARLY = 4.5
@@ -79,7 +77,7 @@ def register(
     arm, axes = first.frame.apply(centre) - guess.translation, first.frame.rotation.as_matrix()
     near = Guess(start, centre, seen_along(doubt, axes, arm))
     best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
-    found, remark = None, _NO_PAINT
+    found, remark = None, 'without a skin image: laid on each other by their shape alone'
     if first.light is not None and second.light is not None:
         best, found, remark = _by_paint(first, second, best, near)
     found = found or of_heights(first, samples, best, centre)
@@ -166,7 +164,8 @@ def _by_paint(
     nearly = (_solved(by_few, each, near.centre, held, steps=4) for each in places)
     left = _best_of(Place.at(first, samples, each, near) for each in nearly)
     if len(left) != 1:
-        return by_shape, None, _AMBIGUOUS if left else _NOWHERE
+        several = 'its marks fit in more places than one: by their shape alone'
+        return by_shape, None, several if left else _NOWHERE
     pose = _solved(by_few, left[0].pose, near.centre, held)
     found = equations(first, samples, pose, near.centre)
     painted = len(found.residual) - found.heights
