@@ -44,8 +44,6 @@ class PairEquations:
         Of Cauchy, 0 to 1: a half at 2.385 standard deviations.
     place : ndarray, shape (n, 3)
         On the first patch, metres.
-    heights : int
-        How many of them are heights, which are the first; the others are paint.
     spread : float
         Standard deviation of heights by what the clouds state, and of paint alone its own.
     """
@@ -55,7 +53,6 @@ class PairEquations:
     other: Array
     weight: Array
     place: Array
-    heights: int
     spread: float
 
     @cached_property
@@ -88,7 +85,7 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, deviation(off))
     slopes = [each / (sigma * spread)[:, None] for each in (own, other)]
-    return _linearised(off / spread, slopes, place - centre, place, len(off), spread)
+    return _linearised(off / spread, slopes, place - centre, place, spread)
 
 
 def painted(first: SkinPatch, second: Samples, pose: Pose) -> tuple[Grid, NDArray[np.bool_]]:
@@ -108,7 +105,7 @@ def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> P
     spread = max(deviation(off) if len(off) else 1.0, 1e-3)
     theirs = theirs[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
     slopes = [each / spread for each in (ours[:, 1:3] @ np.eye(2, 3), theirs)]
-    paint = _linearised(off / spread, slopes, place - centre, place, 0, spread)
+    paint = _linearised(off / spread, slopes, place - centre, place, spread)
     joined: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in (heights, paint)])
         for name in ('residual', 'own', 'other', 'weight', 'place')
@@ -117,9 +114,9 @@ def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> P
 
 
 def _linearised(
-    residual: Array, slopes: list[Array], arm: Array, place: Array, heights: int, spread: float
+    residual: Array, slopes: list[Array], arm: Array, place: Array, spread: float
 ) -> PairEquations:
     """Residuals that change by slopes as what lies at the end of arms shifts and turns."""
     own, other = (np.hstack([each, cross(arm, each)]) for each in slopes)
     weight = cauchy(residual, 2.385)
-    return PairEquations(residual, own, other, weight, place, heights, spread)
+    return PairEquations(residual, own, other, weight, place, spread)

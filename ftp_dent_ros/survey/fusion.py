@@ -75,10 +75,8 @@ class Fusion(Raster):
         height = remap(mean, u, v, cv2.INTER_CUBIC)
         spread = np.sqrt(remap(scattered, u, v))
         better = cloud.valid & np.isfinite(height) & (spread < cloud.sigma)
-        if not better.any():
-            return cloud
         # Of the skin's normal that of the cloud's middle: heights differ by little.
-        middle = places[better].mean(axis=0)[:2]
+        middle = places[cloud.valid].mean(axis=0)[:2]
         up = pose.rotation.inv().apply(self.skin.points(middle, 1.0) - self.skin.points(middle))
         moved = np.where(better, height - places[..., 2], 0)
         points = cloud.points + moved[..., None] * up

@@ -69,18 +69,16 @@ def changes_of(
         Of each dent, as of `depth_growth`.
     """
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
-    changes: list[dict[str, Change]] = [{} for _ in earlier]
-    factors, unknown = {}, np.full((len(earlier), 3), math.nan)
+    factors, found, unknown = {}, {}, np.full((len(earlier), 3), math.nan)
     for quantity, chance in _FALSE_ALARM.items():
         before, after = (
             np.array([[abs(e.value), e.uncertainty] for e in (getattr(d, quantity) for d in each)])
             for each in (earlier, later)
         )
         given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 3))
-        factors[quantity], found = _changes(chance, before, after, given, usable)
-        for index, change in found.items():
-            changes[index][quantity] = change
-    return changes, factors
+        factors[quantity], found[quantity] = _changes(chance, before, after, given, usable)
+    numbers = range(len(earlier))
+    return [{q: each[k] for q, each in found.items() if k in each} for k in numbers], factors
 
 
 def _changes(

@@ -8,8 +8,9 @@ the one that most agree with begins a deformation, which is followed outward.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.tying import REACH, agreeing
 
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+#: Shifts of places into the other map, and their standard deviations.
+Deformation = Callable[[Array], tuple[Array, Array]]
 
 # Standard deviations within which two are taken for the same.
 _GATE = 4.0
@@ -56,14 +59,14 @@ class DentMatching:
     def in_earlier(self, places: Array) -> tuple[Array, Array]:
         """Places of the later survey in the earlier one, and their standard deviation."""
         moved = self.motion.apply(places)
-        shift, spread = self.deformation.shift(moved)
+        shift, spread = self.deformation(moved)
         return moved + shift, spread
 
     def in_later(self, places: Array) -> Array:
         """Places of the earlier survey in the later one."""
         # Shifts change by a hundredth of the way, so that two steps leave micrometres.
-        shift, _ = self.deformation.shift(places)
-        shift, _ = self.deformation.shift(places - shift)
+        shift, _ = self.deformation(places)
+        shift, _ = self.deformation(places - shift)
         return self.motion.inverse().apply(places - shift)
 
     def spread(self, place: Array) -> float:
@@ -144,19 +147,15 @@ def _followed_pairs(
         )
     )
     alike = np.equal.outer(*signs)
-    # Part of the way to the next dent within which a dent is looked for.
-    gaps = [cKDTree(places).query(places, k=2)[0][:, 1] for places in (there, moved)]
-    free = 0.4 * np.minimum.outer(*gaps)
     # A cut dent has its centre anywhere in it.
     half = np.maximum.outer(*cut) * np.maximum.outer(*lengths) / 2
     while True:
         i, j = pairs
         deformation = _fit(moved[j], there[i] - moved[j], place[i, j])
-        shift, spread = deformation.shift(moved)
+        shift, spread = deformation(moved)
         off = cdist(there, moved + shift)
         sigma = np.hypot(spread, math.sqrt(2) * place)
-        reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
-        found = assigned(np.where(alike & (off < reach), off / sigma, np.inf))
+        found = assigned(np.where(alike & (off < _GATE * sigma + half), off / sigma, np.inf))
         if len(found[0]) <= len(i):
             return pairs, deformation
         pairs = found
@@ -213,33 +212,25 @@ def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
     return whole[np.stack([first, index[:, 1:].ravel()], axis=1)]
 
 
-@dataclass(frozen=True, eq=False)
-class Deformation:
-    """Where places of one map lie in the other.
+def _shift(
+    at: Array, weights: Array, factor: tuple[Array, bool], walk: float, places: Array
+) -> tuple[Array, Array]:
+    """Shifts of places, shape (m, 3), and the standard deviation of each, shape (m,), by kriging.
 
-    Attributes
+    Parameters
     ----------
-    at : ndarray, shape (n, 3)
-        Places that were matched, metres.
-    weights : ndarray, shape (n, 3)
-        Of the kriging.
+    at, weights : ndarray, shape (n, 3)
+        Places that were matched, metres, and their weights.
     factor : tuple
         Cholesky factor of the covariance of the n shifts along each axis.
     walk : float
         Variance that a metre adds, square metres.
+    places : ndarray, shape (m, 3)
     """
-
-    at: Array
-    weights: Array
-    factor: tuple[Array, bool]
-    walk: float
-
-    def shift(self, places: Array) -> tuple[Array, Array]:
-        """Shifts of places, shape (m, 3), and the standard deviation of each, shape (m,)."""
-        across = _covariance(places, self.at, self.walk)
-        prior = _FREE_SHIFT**2 + _FREE_TURN**2 * (places**2).sum(axis=1) + self.walk * _LENGTH
-        explained = (across * cho_solve(self.factor, across.T).T).sum(axis=1)
-        return across @ self.weights, np.sqrt(np.maximum(prior - explained, 0.0))
+    across = _covariance(places, at, walk)
+    prior = _FREE_SHIFT**2 + _FREE_TURN**2 * (places**2).sum(axis=1) + walk * _LENGTH
+    explained = (across * cho_solve(factor, across.T).T).sum(axis=1)
+    return across @ weights, np.sqrt(np.maximum(prior - explained, 0.0))
 
 
 def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
@@ -264,7 +255,7 @@ def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
         # What is expected of it before there are dents: a millimetre over a metre, give or take a
         # factor of ten (natural logarithm of a variance).
         likelihood -= 0.5 * (float(np.log(walk / 1e-6)) / 4.6) ** 2
-        fits.append((likelihood, Deformation(at, weights, factor, float(walk))))
+        fits.append((likelihood, partial(_shift, at, weights, factor, float(walk))))
     return max(fits, key=lambda fit: fit[0])[1]
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,13 +49,17 @@ class Node:
     flight: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class PairLink:
-    """A relative pose between two clouds, the second's seen from the first."""
+    """A relative pose between two clouds, the second's seen from the first.
+
+    And the square of its error, in variances a direction, as poses were last found.
+    """
 
     first: int
     second: int
     relative: RelativePose
+    misfit: float = 0.0
 
 
 def drift_of(errors: Array, nodes: Sequence[Node]) -> Array:
@@ -140,8 +144,6 @@ class PoseGraph:
         self.links: list[PairLink] = []
         self.turns, self.places = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self.drifts: dict[int, Array] = {}
-        # Squares of the links' errors, in variances a direction, as poses were last found.
-        self._misfits: dict[int, float] = {}
         self._moved_at = 0
 
     def add(self, node: Node, guess: Pose) -> None:
@@ -178,7 +180,7 @@ class PoseGraph:
     def left_out(self) -> set[int]:
         """Numbers of the links that contradict the others."""
         # Of squared errors by the rank: from where on a pair contradicts the others.
-        return {number for number, misfit in self._misfits.items() if misfit > 36.0}
+        return {number for number, link in enumerate(self.links) if link.misfit > 36.0}
 
     def part(self, numbers: Sequence[int]) -> PoseGraph:
         """Some of the poses, in rising order, and what joins them, without all others.
@@ -190,10 +192,11 @@ class PoseGraph:
             some.add(self.nodes[number], self.pose(number))
         placed = some.placed
         some.drifts = {k: drift for k, drift in self.drifts.items() if k in placed}
-        for index, link in enumerate(self.links):
-            if link.first in place and link.second in place:
-                some._misfits[len(some.links)] = self._misfits.get(index, 0.0)
-                some.link(place[link.first], place[link.second], link.relative)
+        some.links = [
+            replace(link, first=place[link.first], second=place[link.second])
+            for link in self.links
+            if link.first in place and link.second in place
+        ]
         return some
 
     def update(self) -> None:
@@ -225,16 +228,11 @@ class PoseGraph:
     def solve(self) -> None:
         """Move all poses to where they agree best."""
         terms, count = Terms(self), len(self.nodes)
-        turns, places = _stepped(terms, *self.unknowns())
+        turns, places = _stepped(terms, *terms.start)
         self.turns, self.places = turns[:count], places[:count]
         misfits = terms.misfits(terms.errors(turns, places))
-        self._misfits |= dict(zip(terms.links, misfits.tolist(), strict=True))
-
-    def unknowns(self) -> tuple[Array, Array]:
-        """Turns and places of all poses, and of the flights' constant errors, from nothing on."""
-        nothing = _arrays([IDENTITY] * len(self.drifts))
-        turns, places = map(np.concatenate, zip((self.turns, self.places), nothing, strict=True))
-        return turns, places
+        for link, misfit in zip(terms.links, misfits.tolist(), strict=True):
+            link.misfit = misfit
 
     def covariances(
         self, anchor: int | None = None, only: Sequence[int] | None = None
@@ -253,8 +251,8 @@ class PoseGraph:
         only : sequence of int, optional
             Numbers of the poses that are asked for; all by default.
         """
-        terms, start, blocks = Terms(self), self.unknowns(), []
-        jacobian, weighted = terms.weighted(*start, terms.errors(*start), 1.0)
+        terms, blocks = Terms(self), []
+        jacobian, weighted = terms.weighted(*terms.start, terms.errors(*terms.start), 1.0)
         solver = _factored(weighted @ jacobian)
         bent = solver.solve(weighted @ terms.common.reshape(-1, 6))
         if anchor is None and not self.placed:
@@ -339,10 +337,13 @@ class Terms:
     """
 
     def __init__(self, graph: PoseGraph) -> None:
-        told = {k: link for k, link in enumerate(graph.links) if link.relative.rank}
-        #: Numbers of the links that tell something.
-        self.links, relative = list(told), [link.relative for link in told.values()]
-        ends = [(link.first, link.second) for link in told.values()]
+        level, nowhere = _arrays([IDENTITY] * len(graph.drifts))
+        #: Turns and places of all poses, and of the flights' constant errors, from nothing on.
+        self.start = np.vstack([graph.turns, level]), np.vstack([graph.places, nowhere])
+        #: Those that tell something.
+        self.links = [link for link in graph.links if link.relative.rank]
+        relative = [link.relative for link in self.links]
+        ends = [(link.first, link.second) for link in self.links]
         self._ends = np.array(ends, np.intp).reshape(-1, 2)
         turns, self._shift = _arrays([each.pose for each in relative])
         self._back = np.swapaxes(turns, 1, 2)

@@ -168,8 +168,8 @@ def _by_paint(
         return by_shape, None, several if left else _NOWHERE
     pose = _solved(by_few, left[0].pose, near.centre, held)
     found = equations(first, samples, pose, near.centre)
-    painted = len(found.residual) - found.heights
-    if painted < _LEAST_PAINT or near.away(pose)[1] > _WITHIN**2:
+    few_painted = np.count_nonzero(painted(first, samples, pose)[1]) < _LEAST_PAINT
+    if few_painted or near.away(pose)[1] > _WITHIN**2:
         return by_shape, None, _NOWHERE
     return pose, found, ''
 
@@ -280,11 +280,10 @@ class Place:
             gain = mine - others
             gain = gain[np.isfinite(gain)]
             square = np.square(gain).sum()
-            if square > 0:
-                # Points near each other err alike, and count as so many fewer: rendered rivets of
-                # four pitches, and nothing else, tell their pitches apart by 1.8 standard
-                # deviations too often.
-                evidence += gain.sum() * abs(gain.sum()) / (square * 3.3)
+            # Points near each other err alike, and count as so many fewer: rendered rivets of four
+            # pitches, and nothing else, tell their pitches apart by 1.8 standard deviations too
+            # often. Of no points there is no evidence.
+            evidence += gain.sum() * abs(gain.sum()) / max(square * 3.3, 1e-12)
         return float(evidence)
 
 
