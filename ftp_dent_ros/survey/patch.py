@@ -80,15 +80,15 @@ class SkinPatch:
 
     @cached_property
     def surface(self) -> Grid:
-        """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 5).
+        """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4).
 
-        And half of what the height changes by from the patch's middle on, by these slopes.
+        The height is less by half of what it changes by from the patch's middle on, by its slopes.
         """
         slopes: Any = np.gradient(self.height, self.pitch)
         y, x = self.corner[::-1, None, None] + self.pitch * np.indices(self.height.shape)
         rise = ((slopes[1] * x + slopes[0] * y) / 2).astype(np.float32)
         sigma = self.sigma * np.float32(1e-3)
-        surface: Any = cv2.merge([self.height, *slopes[::-1], sigma, rise])
+        surface: Any = cv2.merge([self.height - rise, *slopes[::-1], sigma])
         unknown = np.isnan(surface).any(axis=-1)
         unknown[[0, -1]] = unknown[:, [0, -1]] = True
         surface[unknown] = np.nan
@@ -160,17 +160,17 @@ class SkinPatch:
         """Points of cells, shape (n, 3), metres, in the patch's frame."""
         x = self.corner[0] + self.pitch * column
         y = self.corner[1] + self.pitch * row
-        return np.stack([x, y, self.surface[row, column, 0]], axis=-1).astype(float)
+        return np.stack([x, y, self.height[row, column]], axis=-1).astype(float)
 
     def below(self, points: NDArray[np.float64]) -> Grid:
-        """Surface below points of shape (n, 3), in its first four layers; NaN beyond the grid.
+        """Height, slopes and uncertainty below points of shape (n, 3); NaN beyond the grid.
 
-        Between cells it bends: as far as their chord is on the one side of it their tangents are
-        on the other.
+        Between cells the skin bends: as far as their chord is on the one side of it their tangents
+        are on the other.
         """
         found = self.looked_up(self.surface, points)
-        found[:, 0] += (found[:, 1:3] * points[:, :2]).sum(axis=1) / 2 - found[:, 4]
-        return found[:, :4]
+        found[:, 0] += (found[:, 1:3] * points[:, :2]).sum(axis=1) / 2
+        return found
 
     def looked_up(self, layer: Grid, points: NDArray[np.float64]) -> Grid:
         """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid.
