@@ -244,3 +244,13 @@ def test_a_cloud_that_comes_late_is_as_near_in_time_as_one_that_comes_early():
         graph.settle()
         placed.append(graph.poses)
     assert farthest(*placed) < 1e-6
+
+
+def test_a_pose_seen_from_another_errs_by_both():
+    """Where the autopilot alone tells, each of the two is as uncertain as it states."""
+    graph, none = PoseGraph(), Pose(Rotation.identity(), np.zeros(3))
+    for number in range(2):
+        graph.add(Node(none, STATED, 1e4 * number, 0), none)
+    seen = graph.covariances(anchor=0)
+    np.testing.assert_allclose(np.diag(seen[1]), 2 * np.diag(STATED), rtol=0.02)
+    np.testing.assert_allclose(seen[0], 0, atol=1e-15)
