@@ -202,7 +202,7 @@ class PoseGraph:
     def update(self) -> None:
         """Move all poses now and then, after a pose and its links came."""
         # Clouds, and their share, after which they do.
-        if len(self.nodes) - self._moved_at >= max(4, 0.05 * self._moved_at):
+        if len(self.nodes) - self._moved_at >= max(4, 0.1 * self._moved_at):
             self.solve()
             self._moved_at = len(self.nodes)
 
