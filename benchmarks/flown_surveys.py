@@ -373,7 +373,8 @@ def growing(_: Path) -> Iterator[Row]:
     for count, pose in enumerate(wandering(rng, poses, 0.5), start=1):
         add_tied(graph, rng, poses, pose)
         if count > 1:
-            graph.follow(count - 1)
+            link = graph.links[-1]
+            graph.put(count - 1, graph.pose(link.first) @ link.relative.pose)
         began = time.process_time()
         graph.update()
         spent.append(MM * (time.process_time() - began))

@@ -25,8 +25,9 @@ def move_about(error: Array, pivot: Array) -> Pose:
 
 
 def about(lever: Array) -> Array:
-    """How an error of a pose (shift, turn) moves a point at a lever from it, shape (3, 6)."""
-    return np.hstack([np.eye(3), -crossed(lever)])
+    """How an error of a pose (shift, turn) moves points at levers from it, shape (..., 3, 6)."""
+    turned = -crossed(lever)
+    return np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=-1)
 
 
 def seen_along(covariance: Array, axes: Array, arm: Array) -> Array:

@@ -61,9 +61,16 @@ def colours(name: str = 'RdBu_r') -> NDArray[np.uint8]:
 
 def deviation_colours(deviation: NDArray[np.float32], limit: float) -> NDArray[np.uint8]:
     """RGB of deviations from -limit to limit, metres."""
-    index = np.clip(np.nan_to_num(deviation / limit) * 127.5 + 127.5, 0, 255)
-    pixels = colours()[index.astype(np.uint8)]
-    pixels[~np.isfinite(deviation)] = NOTHING
+    return coloured(deviation, -limit, limit)
+
+
+def coloured(
+    values: NDArray[np.floating], low: float, high: float, name: str = 'RdBu_r'
+) -> NDArray[np.uint8]:
+    """RGB of values between two limits by a map of colours, as of `colours`; grey of NaN."""
+    share = np.clip(np.nan_to_num((values - low) / (high - low)), 0, 1)
+    pixels = colours(name)[(255 * share).astype(np.uint8)]
+    pixels[~np.isfinite(values)] = NOTHING
     return pixels
 
 

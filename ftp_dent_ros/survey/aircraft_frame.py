@@ -15,18 +15,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fields import Fields, Positive, Triple
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import about
+from ftp_dent_ros.rigid import Array, about
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.yaml_file import read_yaml
-
-Array = NDArray[np.float64]
 
 # Points that tell a frame.
 _NEEDED = 3
@@ -131,8 +128,8 @@ def _contradiction(points: Sequence[ReferencePoint], frame: AircraftFrame) -> st
         f'the reference points contradict each other by up to {frame.worst * 1e3:.1f} mm, more '
         'than their uncertainties allow'
     )
-    several = points if len(points) > _NEEDED else ()
-    fits = [(_fitted([each for each in points if each is not left]), left) for left in several]
+    fits = [(_fitted([each for each in points if each is not left]), left) for left in points]
+    # Of three points that are left, and of no two.
     most = chi2.isf(_REFUSED, 3 * len(points) - 9)
     right = [(without, left) for (without, misfit), left in fits if misfit <= most]
     if len(right) == 1:
@@ -158,7 +155,7 @@ def _fitted(points: Sequence[ReferencePoint]) -> tuple[AircraftFrame, float]:
     pose = Pose(rotation, middle - rotation.apply(start))
     off = there - pose.apply(here)
     misfit = float(weights @ np.square(off).sum(axis=1))
-    jacobians = np.stack([about(place - middle) for place in pose.apply(here)])
+    jacobians = about(pose.apply(here) - middle)
     information = np.einsum('n,nij,nik->jk', weights, jacobians, jacobians)
     covariance = np.linalg.inv(information + 1e-9 * np.eye(6))
     return AircraftFrame(pose, middle, covariance, off), misfit

@@ -17,13 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import cross
+from ftp_dent_ros.rigid import Array, cross
 from ftp_dent_ros.robust import cauchy, deviation
 from ftp_dent_ros.survey.patch import Samples, SkinPatch
 from ftp_dent_ros.survey.raster import Grid
-
-Array = NDArray[np.float64]
-
 
 APART = 'they do not overlap'
 
@@ -47,8 +44,6 @@ class PairEquations:
         Of Cauchy, 0 to 1: a half at 2.385 standard deviations.
     place : ndarray, shape (n, 3)
         On the first patch, metres.
-    heights : int
-        How many of them are heights, which are the first; the others are paint.
     spread : float
         Standard deviation of heights by what the clouds state, and of paint alone its own.
     """
@@ -58,24 +53,12 @@ class PairEquations:
     other: Array
     weight: Array
     place: Array
-    heights: int
     spread: float
 
     @cached_property
     def both(self) -> Array:
         """Change by the mean of both patches' slopes, shape (n, 6)."""
         return (self.own + self.other) / 2
-
-
-def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
-    """Equations at a pose of the second patch in the first."""
-    heights = of_heights(first, second, pose, centre)
-    both = heights, of_paint(first, second, pose, centre)
-    names = 'residual', 'own', 'other', 'weight', 'place'
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(each, name) for each in both]) for name in names
-    }
-    return replace(heights, **joined)
 
 
 def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
@@ -87,7 +70,7 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
         Hardly any lie on the other patch.
     """
     place = pose.apply(second.heights)
-    here = first.looked_up(first.surface, place)
+    here = first.below(place)
     met = np.isfinite(here[:, 0])
     # Of a pose's six unknowns, each by several.
     if met.sum() < 50:
@@ -102,7 +85,7 @@ def of_heights(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> 
     # Clouds may be surer of themselves than they fit.
     spread = max(1.0, deviation(off))
     slopes = [each / (sigma * spread)[:, None] for each in (own, other)]
-    return _linearised(off / spread, slopes, place - centre, place, len(off), spread)
+    return _linearised(off / spread, slopes, place - centre, place, spread)
 
 
 def painted(first: SkinPatch, second: Samples, pose: Pose) -> tuple[Grid, NDArray[np.bool_]]:
@@ -111,8 +94,9 @@ def painted(first: SkinPatch, second: Samples, pose: Pose) -> tuple[Grid, NDArra
     return below, (below[:, 3] > 0.99) & (second.paint_values[:, 3] > 0)
 
 
-def of_paint(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
-    """Equations of the paint alone."""
+def equations(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> PairEquations:
+    """Equations of heights and paint at a pose of the second patch in the first."""
+    heights = of_heights(first, second, pose, centre)
     here, met = painted(first, second, pose)
     place = pose.apply(second.paint)[met]
     ours, theirs = here[met].astype(float), second.paint_values[met].astype(float)
@@ -121,13 +105,18 @@ def of_paint(first: SkinPatch, second: Samples, pose: Pose, centre: Array) -> Pa
     spread = max(deviation(off) if len(off) else 1.0, 1e-3)
     theirs = theirs[:, 1:3] @ pose.rotation.as_matrix()[:, :2].T
     slopes = [each / spread for each in (ours[:, 1:3] @ np.eye(2, 3), theirs)]
-    return _linearised(off / spread, slopes, place - centre, place, 0, spread)
+    paint = _linearised(off / spread, slopes, place - centre, place, spread)
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in (heights, paint)])
+        for name in ('residual', 'own', 'other', 'weight', 'place')
+    }
+    return replace(heights, **joined)
 
 
 def _linearised(
-    residual: Array, slopes: list[Array], arm: Array, place: Array, heights: int, spread: float
+    residual: Array, slopes: list[Array], arm: Array, place: Array, spread: float
 ) -> PairEquations:
     """Residuals that change by slopes as what lies at the end of arms shifts and turns."""
     own, other = (np.hstack([each, cross(arm, each)]) for each in slopes)
     weight = cauchy(residual, 2.385)
-    return PairEquations(residual, own, other, weight, place, heights, spread)
+    return PairEquations(residual, own, other, weight, place, spread)

@@ -5,22 +5,22 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.dents.dent import COVERAGE
+from ftp_dent_ros.dents.dent import COVERAGE, Estimate
 from ftp_dent_ros.dents.rules import Judgement, Rules, verdict
 from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, sigmas_apart
 from ftp_dent_ros.pages.drawing import scale_bar
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval, spread, table
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.growth import Change, CommonFactor, changes_of, depth_growth
+from ftp_dent_ros.survey.growth import Change, changes_of, depth_growth
 from ftp_dent_ros.survey.matching import DentMatching, match
 from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.unrolled import Unrolled
@@ -49,7 +49,6 @@ _DAMAGE = {'dent', 'crease', 'gouge'}
 # Standard deviations of a place in the other survey, around which it must have been looked at.
 _AROUND = 3.0
 
-Array = NDArray[np.float64]
 
 # Of the map and its margin, the drawing's units.
 _WIDTH, _MARGIN = 1000.0, 40.0
@@ -64,6 +63,7 @@ class ComparedDent:
     status : str
         One of `STATUSES`.
     earlier, later : SurveyedDent, optional
+        In the later survey's frame.
     changes : mapping of str to Change
         By the quantity: of one that is whole in both.
     reason : str
@@ -99,8 +99,8 @@ class Comparison:
     dents : tuple of ComparedDent
         In the order of `STATUSES`, the deepest first.
     matching : DentMatching
-    scales : mapping of str to CommonFactor
-        By the quantity.
+    scales : mapping of str to Estimate
+        By the quantity: the factor of the later survey's values.
     frame : AircraftFrame, optional
         In which locations are given.
     rules : Rules, optional
@@ -110,7 +110,7 @@ class Comparison:
     later: SurveyResult
     dents: tuple[ComparedDent, ...]
     matching: DentMatching
-    scales: Mapping[str, CommonFactor]
+    scales: Mapping[str, Estimate]
     frame: AircraftFrame | None = None
     rules: Rules | None = None
 
@@ -121,23 +121,15 @@ class Comparison:
         judged = self.rules.judge(list(there.values())) if self.rules else ()
         return dict(zip(there, judged, strict=False))
 
-    def placed(self, each: ComparedDent) -> tuple[Array, Array, float]:
-        """Place and normal of a dent in the later survey's frame, and the place's deviation."""
-        dent = each.shown.dent
-        if each.later is not None:
-            return dent.position, dent.normal, CENTRE
-        places, spread = self.matching.in_later(dent.position[None])
-        turn = self.matching.motion.rotation.inv()
-        return places[0], turn.apply(dent.normal), math.hypot(CENTRE, float(spread[0]))
-
     def located(self, each: ComparedDent) -> tuple[Array, float]:
         """Location of a dent, shape (3,), and its standard uncertainty along its worst direction.
 
         Station, buttock line and water line, or a place in the later survey's frame; metres.
         """
-        (place, _, among), covariance = self.placed(each), each.shown.position_covariance
+        place, covariance = each.shown.dent.position, each.shown.position_covariance
         if self.frame is not None:
-            place, covariance = self.frame.place(place, among**2)
+            carried = 0.0 if each.later else self.matching.spread(place)
+            place, covariance = self.frame.place(place, CENTRE**2 + carried**2)
         return place, math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
 
     def first_seen(self, each: ComparedDent) -> str:
@@ -170,15 +162,19 @@ def compare(
         [each for each in survey.dents if each.dent.kind != 'step'] for survey in (earlier, later)
     )
     matching = match([each.dent for each in before], [each.dent for each in after])
+    # From here on all is in the later survey's frame.
+    before = [_carried(each, matching) for each in before]
+    cells = matching.in_later(earlier.coverage.positions.astype(float)).astype(np.float32)
+    looked = replace(earlier, coverage=replace(earlier.coverage, positions=cells))
     same = [(before[i], after[j]) for i, j in matching.pairs]
-    deeper = [depth_growth(a, b, matching.near(a.dent.position)) for a, b in same]
+    deeper = [depth_growth(a, b) for a, b in same]
     changes, scales = changes_of([a.dent for a, _ in same], [b.dent for _, b in same], deeper)
     found = []
     for (a, b), change in zip(same, changes, strict=True):
         status = _BY_SIGNS[frozenset(each.verdict for each in change.values()) - {0}]
         cut = '' if change else 'cut by the edge of what was measured: not compared'
         found.append(ComparedDent(status, a, b, change, cut))
-    for side, (dents, other) in enumerate(((before, later), (after, earlier))):
+    for side, (dents, other) in enumerate(((before, later), (after, looked))):
         paired = {pair[side] for pair in matching.pairs}
         alone = [dent for index, dent in enumerate(dents) if index not in paired]
         found += [_alone(dent, other, matching, is_gone=not side) for dent in alone]
@@ -187,7 +183,7 @@ def compare(
         for each in found
         if any(dent and dent.dent.kind in _DAMAGE for dent in (each.earlier, each.later))
     ]
-    found = _with_doubts(found, matching)
+    found = _with_doubts(found)
     order = list(STATUSES)
     found.sort(
         key=lambda each: (
@@ -198,22 +194,26 @@ def compare(
     return Comparison(earlier, later, tuple(found), matching, scales, frame, rules)
 
 
+def _carried(each: SurveyedDent, matching: DentMatching) -> SurveyedDent:
+    """A dent of the earlier survey in the later one's frame."""
+    move = matching.near(each.dent.position)
+    dent, turn = each.dent.transformed(move), move.rotation.as_matrix()
+    known = turn @ each.position_covariance @ turn.T
+    known = known + matching.spread(dent.position) ** 2 * np.eye(3)
+    return replace(each, dent=dent, position_covariance=known)
+
+
 def _alone(
     dent: SurveyedDent, other: SurveyResult, matching: DentMatching, is_gone: bool
 ) -> ComparedDent:
     """A dent of the earlier survey that is gone in the other; or of the later, come since."""
-    placed, turn = matching.in_earlier, matching.motion.rotation
-    if is_gone:
-        placed, turn = matching.in_later, turn.inv()
-    places, spread = placed(dent.dent.position[None])
-    normal = turn.apply(dent.dent.normal)
-    reason = _why_not_found(dent, other, places[0], normal, float(spread[0]))
+    reason = _why_not_found(dent, other, matching.spread(dent.dent.position))
     if is_gone:
         return ComparedDent('not seen' if reason else 'repaired', dent, None, {}, reason)
     return ComparedDent('first seen' if reason else 'new', None, dent, {}, reason)
 
 
-def _with_doubts(found: list[ComparedDent], matching: DentMatching) -> list[ComparedDent]:
+def _with_doubts(found: list[ComparedDent]) -> list[ComparedDent]:
     """Those once that may be one dent in both surveys: neither tells that they are two."""
     unseen, first = (
         [each for each in found if each.status == status] for status in ('not seen', 'first seen')
@@ -221,12 +221,10 @@ def _with_doubts(found: list[ComparedDent], matching: DentMatching) -> list[Comp
     if not (unseen and first):
         return found
     before, after = [each.shown for each in unseen], [each.shown for each in first]
-    places, spread = matching.in_later(np.stack([each.dent.position for each in before]))
-    apart = np.stack([each.dent.position for each in after]) - places[:, None]
-    turn = matching.motion.rotation.inv().as_matrix()
-    known = turn @ np.stack([each.position_covariance for each in before]) @ turn.T
-    known = known + np.square(spread)[:, None, None] * np.eye(3)
-    both = known[:, None] + np.stack([each.position_covariance for each in after])
+    apart = np.array([[b.dent.position - a.dent.position for b in after] for a in before])
+    both = np.array(
+        [[a.position_covariance + b.position_covariance for b in after] for a in before]
+    )
     far = sigmas_apart(apart, both)
     alike = np.isfinite(agreement([each.dent for each in before], [each.dent for each in after]))
     pairs = list(zip(*assigned(np.where(alike & (far < _AROUND), far, np.inf)), strict=True))
@@ -246,15 +244,13 @@ def _with_doubts(found: list[ComparedDent], matching: DentMatching) -> list[Comp
     return [*(each for each in found if each not in taken), *doubts]
 
 
-def _why_not_found(
-    dent: SurveyedDent, survey: SurveyResult, place: np.ndarray, normal: np.ndarray, spread: float
-) -> str:
+def _why_not_found(dent: SurveyedDent, survey: SurveyResult, spread: float) -> str:
     """Why a survey cannot say that a dent was not there; empty if it can."""
     if dent.dent.is_cut:
         return 'cut by the edge of what was measured'
     width = float(np.nan_to_num(dent.dent.width.value))
-    depth = dent.dent.depth
-    findable = survey.coverage.found_around(place, normal, _AROUND * spread + width / 2)
+    depth, around = dent.dent.depth, _AROUND * spread + width / 2
+    findable = survey.coverage.found_around(dent.dent.position, dent.dent.normal, around)
     if not np.isfinite(findable):
         return f'not all of its place was measured in the survey {survey.name}'
     findable = max(findable, survey.settings.smallest_depth)
@@ -339,7 +335,7 @@ def headline(dents: Sequence[ComparedDent]) -> str:
 def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     matching, frame = comparison.matching, comparison.frame
     scales = ', '.join(
-        f'{quantity} {100 * (each.factor - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
+        f'{quantity} {100 * (each.value - 1):+.2f} ± {100 * COVERAGE * each.uncertainty:.2f} %'
         for quantity, each in comparison.scales.items()
     )
     facts = [
@@ -391,8 +387,8 @@ def _map(comparison: Comparison) -> dict[str, Any] | None:
     # Fewer tell no skin.
     if len(rows) < 3:
         return None
-    both = np.array([comparison.placed(row)[:2] for row in rows])
-    places, normals = both[:, 0], both[:, 1]
+    places = np.array([row.shown.dent.position for row in rows])
+    normals = np.array([row.shown.dent.normal for row in rows])
     flat = Unrolled.through(places, normals).place(places)[:, :2] * (1, -1)
     low, size = flat.min(axis=0), np.maximum(np.ptp(flat, axis=0), 1e-3)
     scale = min((_WIDTH - 2 * _MARGIN) / size[0], (0.7 * _WIDTH - 2 * _MARGIN) / size[1])

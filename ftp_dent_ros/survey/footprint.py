@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
@@ -59,13 +58,12 @@ class Footprint:
         # The middle is one of them, however few there are.
         places = frame.apply(np.vstack([np.zeros(3), samples.heights[::4]]))
         normals = frame.rotation.apply(np.vstack([[0.0, 0.0, 1.0], normals]))
-        sides = np.ptp(frame.inverse().apply(points)[:, :2], axis=0)
         return cls(
             frame.translation,
             (points - frame.translation).astype(np.float16),
             np.hstack([places, normals]).astype(np.float32),
             float(every * spacing / CELL) ** 2,
-            float(sides.min()),
+            min(patch.height.shape) * patch.pitch,
         )
 
 
@@ -102,8 +100,6 @@ class SeenSkin(Raster):
     Attributes
     ----------
     measured : ndarray, shape (rows, columns), bool
-    height : ndarray, shape (rows, columns)
-        Of the cells above the unrolled skin, metres; the nearest one's where none was measured.
     gaps : list of Gap
     gap_mask : ndarray, shape (rows, columns), bool
         Of their cells.
@@ -118,18 +114,8 @@ class SeenSkin(Raster):
         super().__init__(skin, low, high, CELL)
         column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
         at, count = np.ravel_multi_index((row, column), self.shape), math.prod(self.shape)
-        covered, heights = (
-            np.bincount(at, weights, count).reshape(self.shape)
-            for weights in (share, share * places[:, 2])
-        )
         # Of a cell, that was measured if the cell was.
-        self.measured = covered >= 0.5
-        mean = heights / np.maximum(covered, 1e-9)
-        # Of what was not measured, that of the nearest that was.
-        nearest = distance_transform_edt(
-            ~self.measured, return_distances=False, return_indices=True
-        )
-        self.height = mean[tuple(nearest)]
+        self.measured = np.bincount(at, share, count).reshape(self.shape) >= 0.5
         self.gaps, self.gap_mask = find_gaps(self.measured, self.low)
 
     @property
@@ -138,13 +124,14 @@ class SeenSkin(Raster):
         return float(self.measured.sum()) * CELL**2
 
     def strips(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Corners of the cells of a mask, those side by side along the axis as one, (n, 4, 3)."""
+        """Corners of the cells of a mask, those side by side along the axis as one, (n, 4, 3).
+
+        On the unrolled skin.
+        """
         padded = np.pad(mask.astype(np.int8), ((0, 0), (1, 1)))
         change = np.diff(padded, axis=1)
         row, first = np.nonzero(change == 1)
         _, last = np.nonzero(change == -1)
-        sums = np.pad(self.height.cumsum(axis=1), ((0, 0), (1, 0)))
-        height = (sums[row, last] - sums[row, first]) / np.maximum(last - first, 1)
         corners = [(first, row), (last, row), (last, row + 1), (first, row + 1)]
         flat = np.stack([np.stack(each, axis=-1) for each in corners], axis=1) * CELL + self.low
-        return self.skin.points(flat, np.repeat(height[:, None], 4, axis=1))
+        return self.skin.points(flat)

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.survey.raster import Raster, Window, remap
+from ftp_dent_ros.survey.raster import Grid, Raster, Window, remap
 from ftp_dent_ros.survey.unrolled import Unrolled
 
 # Side of a pixel: narrower than the points of a cloud lie apart, metres.
 PIXEL = 0.001
-
-Map = NDArray[np.float32]
 
 
 class Fusion(Raster):
@@ -77,10 +75,8 @@ class Fusion(Raster):
         height = remap(mean, u, v, cv2.INTER_CUBIC)
         spread = np.sqrt(remap(scattered, u, v))
         better = cloud.valid & np.isfinite(height) & (spread < cloud.sigma)
-        if not better.any():
-            return cloud
         # Of the skin's normal that of the cloud's middle: heights differ by little.
-        middle = places[better].mean(axis=0)[:2]
+        middle = places[cloud.valid].mean(axis=0)[:2]
         up = pose.rotation.inv().apply(self.skin.points(middle, 1.0) - self.skin.points(middle))
         moved = np.where(better, height - places[..., 2], 0)
         points = cloud.points + moved[..., None] * up
@@ -103,7 +99,7 @@ class Fusion(Raster):
         height = remap(self._together(window)[0], *at, cv2.INTER_CUBIC)
         return self.skin.points(flat, height.astype(float))
 
-    def _together(self, window: Window) -> tuple[Map, Map, Map]:
+    def _together(self, window: Window) -> tuple[Grid, Grid, Grid]:
         """What clouds tell together of the pixels of a window; NaN where fewer than two do.
 
         Returns
@@ -134,6 +130,6 @@ class Fusion(Raster):
         return mean, resolution, scattered
 
 
-def _pooled(values: NDArray, side: int) -> Map:
+def _pooled(values: NDArray, side: int) -> Grid:
     result: Any = cv2.boxFilter(values.astype(np.float32), -1, (side, side), normalize=False)
     return np.maximum(result, 0)

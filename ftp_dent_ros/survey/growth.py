@@ -6,7 +6,7 @@ together, over their number (Bonferroni). What two surveys have in common (what 
 reconstruction smooths, how an outline is drawn) drops out of their difference, which is therefore
 less uncertain than both figures are stated to be: by how much is learnt from the dents themselves,
 most of which have not grown. Where both surveys keep the skin about a dent, its depth's change is
-that of the skin itself (`depth_growth`), and the factor on its uncertainty is learnt from such.
+that of the skin itself (`depth_growth`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scipy.signal import correlate
 from scipy.stats import t as student
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
-from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.robust import deviation
 from ftp_dent_ros.survey.result import SurveyedDent
 
@@ -33,8 +33,6 @@ _FALSE_ALARM = {'depth': 5e-3 * 0.9, 'length': 5e-3 * 0.05, 'width': 5e-3 * 0.05
 _TRUST = 4.0
 # Two calibrations' common factor on sizes, before there are dents: within 1 %.
 _SCALE = 0.01
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -56,29 +54,10 @@ class Change:
     verdict: int
 
 
-@dataclass(frozen=True)
-class CommonFactor:
-    """What two surveys have in common in one quantity: the factor of the later one's values.
-
-    Attributes
-    ----------
-    factor, uncertainty : float
-    noise : float
-        Factor on the stated uncertainties.
-    freedom : float
-        Degrees of freedom of that.
-    """
-
-    factor: float
-    uncertainty: float
-    noise: float
-    freedom: float
-
-
 def changes_of(
     earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent], deeper: Sequence[Array]
-) -> tuple[list[dict[str, Change]], dict[str, CommonFactor]]:
-    """Changes of dents that are the same, in their order, and the surveys' common factors.
+) -> tuple[list[dict[str, Change]], dict[str, Estimate]]:
+    """Changes of dents that are the same, in their order, and the later values' common factors.
 
     Both are by the quantity: depth, length and width.
 
@@ -90,23 +69,21 @@ def changes_of(
         Of each dent, as of `depth_growth`.
     """
     usable = np.array([not (a.is_cut or b.is_cut) for a, b in zip(earlier, later, strict=True)])
-    changes: list[dict[str, Change]] = [{} for _ in earlier]
-    factors, unknown = {}, np.full((len(earlier), 3), math.nan)
+    factors, found, unknown = {}, {}, np.full((len(earlier), 3), math.nan)
     for quantity, chance in _FALSE_ALARM.items():
         before, after = (
             np.array([[abs(e.value), e.uncertainty] for e in (getattr(d, quantity) for d in each)])
             for each in (earlier, later)
         )
         given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 3))
-        factors[quantity], found = _changes(chance, before, after, given, usable)
-        for index, change in found.items():
-            changes[index][quantity] = change
-    return changes, factors
+        factors[quantity], found[quantity] = _changes(chance, before, after, given, usable)
+    numbers = range(len(earlier))
+    return [{q: each[k] for q, each in found.items() if k in each} for k in numbers], factors
 
 
 def _changes(
     false_alarm: float, earlier: Array, later: Array, given: Array, usable: NDArray[np.bool_]
-) -> tuple[CommonFactor, dict[int, Change]]:
+) -> tuple[Estimate, dict[int, Change]]:
     """Changes of values and their uncertainties, shape (n, 2), by the number of the dent."""
     before, after = earlier[:, 0], later[:, 0]
     growth, spread, freedom = given.T
@@ -115,17 +92,9 @@ def _changes(
     stated = np.where(by_skin, spread, np.hypot(earlier[:, 1], later[:, 1]))
     freedom = np.where(by_skin, freedom, math.inf)
     known = usable & np.isfinite(before) & np.isfinite(after) & (stated > 0)
-    change, uncertainty = np.full((2, len(before)), math.nan)
-    factors = []
-    for part in (by_skin, ~by_skin):
-        some = known & part
-        common = _common_factor(before[some], after[some], stated[some])
-        change[part] = after[part] / common.factor - before[part]
-        uncertainty[part] = np.hypot(
-            common.noise * stated[part], before[part] * common.uncertainty
-        )
-        freedom[part] = np.minimum(freedom[part], common.freedom)
-        factors.append(common)
+    factor, noise, most = _common_factor(before[known], after[known], stated[known])
+    change, freedom = after / factor.value - before, np.minimum(freedom, most)
+    uncertainty = np.hypot(noise * stated, before * factor.uncertainty)
     chances = 2 * student.sf(np.abs(change) / uncertainty, freedom)
     # Of what is not known, none.
     is_certain = chances <= false_alarm / max(usable.sum(), 1)
@@ -133,8 +102,6 @@ def _changes(
     scale = np.where(by_skin, change * earlier[:, 1] / before, 0.0)
     uncertainty = np.hypot(uncertainty, scale)
     half = student.ppf(0.975, freedom) * uncertainty
-    # Of most of the dents.
-    factor = factors[0] if 2 * by_skin[usable].sum() > usable.sum() else factors[1]
     return factor, {
         k: Change(
             Estimate(float(change[k]), float(uncertainty[k])),
@@ -145,8 +112,8 @@ def _changes(
     }
 
 
-def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
-    """Factor of later over earlier values, and that on their noise."""
+def _common_factor(before: Array, after: Array, stated: Array) -> tuple[Estimate, float, float]:
+    """Factor of later over earlier values, that on their noise, and its degrees of freedom."""
     factor, spread, noise, freedom = 1.0, _SCALE, 1.0, _TRUST
     for _ in range(20 if len(before) else 0):
         off = (after - factor * before) / stated
@@ -161,18 +128,16 @@ def _common_factor(before: Array, after: Array, stated: Array) -> CommonFactor:
         information = float((weight * before**2).sum()) + _SCALE**-2
         factor = (float((weight * before * after).sum()) + _SCALE**-2) / information
         spread = information**-0.5
-    return CommonFactor(factor, spread, noise, freedom)
+    return Estimate(factor, spread), noise, freedom
 
 
-def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> Array:
+def depth_growth(earlier: SurveyedDent, later: SurveyedDent) -> Array:
     """Depth of a dent in the later survey less that in the earlier one, by the skin about it.
 
     Parameters
     ----------
     earlier, later : SurveyedDent
-        The same dent.
-    to_later : Pose
-        Of the earlier survey's frame in the later one's, about the dent.
+        The same dent, in one frame.
 
     Returns
     -------
@@ -184,17 +149,15 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
     unknown = np.full(3, math.nan)
     if earlier.relief is None or later.relief is None:
         return unknown
-    dent, spacing = earlier.dent, earlier.relief.spacing
-    a, b = earlier.relief.places()
+    dent, (a, b) = earlier.dent, earlier.relief.places()
     before = earlier.relief.heights.astype(float)
     far = np.hypot(2 * a / dent.length.value, 2 * b / dent.width.value)
-    x, y = a / np.abs(a).max(), b / np.abs(b).max()
-    contour = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    contour = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=-1)
     # How far off the later skin lies, along and across, is found in some steps.
     slide, growth = np.zeros(2), unknown
     for _ in range(3):
         # Heights of the later skin above the plane of the earlier dent.
-        after = later.relief.above(to_later.apply(earlier.relief.plane(dent, slide)), later.dent)
+        after = later.relief.above(earlier.relief.plane(dent, slide), later.dent)
         known = np.isfinite(before) & np.isfinite(after)
         # Times the ellipse of the dent's sizes, from which on the skin is undeformed.
         ring = known & (far > 1.25)
@@ -205,23 +168,17 @@ def depth_growth(earlier: SurveyedDent, later: SurveyedDent, to_later: Pose) -> 
         mean = np.where(known, (before + after) / 2, np.nan)
         deep = contour @ np.linalg.lstsq(contour[ring], mean[ring], rcond=None)[0] - mean
         form = deep / (0.5 * (dent.depth.value + later.dent.depth.value))
-        down, along = np.gradient(mean, spacing)
-        slopes = np.stack([along, down], axis=-1)
-        used = known & np.isfinite(slopes).all(axis=-1)
-        steepest = np.linalg.norm(slopes, axis=-1)[used].max()
-        terms = np.concatenate([-form[..., None], slopes / steepest, contour[..., :3]], axis=-1)
+        down, along = np.gradient(mean, earlier.relief.spacing)
+        terms = np.dstack([-form, along, down, contour[..., :3]])
+        used = known & np.isfinite(terms).all(axis=-1)
         inverse, off = np.linalg.pinv(terms[used]), (after - before)[used]
-        fit = inverse @ off
-        rest = np.zeros(used.shape)
+        fit, rest = inverse @ off, np.zeros(used.shape)
         rest[used] = off - terms[used] @ fit
-        area = _correlated_points(rest, used.astype(float))
-        places = float(used.sum()) / area
+        places = float(used.sum()) / _correlated_points(rest, used.astype(float))
         freedom = max(places - len(fit), 1.0)
-        noise = math.sqrt(float(rest[used].var()) * places / freedom * area)
-        uncertainty = noise * math.sqrt(float((inverse[0] ** 2).sum()))
-        deeper = float(np.sign(dent.depth.value) * fit[0])
-        growth = np.array([deeper, uncertainty, freedom])
-        slide = slide - fit[1:3] / steepest
+        uncertainty = math.sqrt(np.square(rest).sum() / freedom) * np.linalg.norm(inverse[0])
+        growth = np.array([np.sign(dent.depth.value) * fit[0], uncertainty, freedom])
+        slide = slide - fit[1:3]
     return growth
 
 

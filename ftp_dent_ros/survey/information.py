@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.alignment import PairEquations
-
-Array = NDArray[np.float64]
 
 # Standard deviations of what calibrations leave (20 rendered rigs): focal lengths and
 # baselines are off by 0.003 %, which stretches; 0.002 px that the camera or the projector is off
@@ -63,10 +62,6 @@ def pair_information(
     sure = (values > 0) & (values > 5.0 * chance)
     kept = directions[:, sure]
     ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
-    squares = np.unique(ways[0] + (ways[0].max() + 1) * ways[1])
-    # Squares as wide as a strip that a direction takes at least to be known.
-    if not sure.any() or len(squares) < 12:
-        return np.zeros(6), np.zeros((6, 6)), 0
     own, other = own[:, sure], other[:, sure]
     weighted = found.weight[:, None] * own
     pull = (own + other) / 2 * (found.weight * found.residual)[:, None]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from itertools import pairwise
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from ftp_dent_ros.rigid import seen_along
 from ftp_dent_ros.survey.footprint import Footprint
 from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.patch import SkinPatch, folded, patch_of, unfolded
-from ftp_dent_ros.survey.pose_graph import JITTER, Node, PairLink, PoseGraph, share_kept
+from ftp_dent_ros.survey.pose_graph import JITTER, UNKNOWN, Node, PairLink, PoseGraph
 from ftp_dent_ros.survey.registration import UnlikePairError, laid_over, register
 from ftp_dent_ros.survey.tying import REACH, agreeing
 
@@ -50,8 +51,8 @@ class Joining:
         self.remarks: list[str] = []
         # Those that clouds to come may be laid on.
         self._kept: dict[int, Callable[[], SkinPatch]] = {}
-        # The last cloud that was laid on another pass.
-        self._closed: int | None = None
+        # The last one that was laid on another pass, if any.
+        self._closed: list[int] = []
         # Pairs that may tie two flights, if others say the same.
         self._maybe: dict[tuple[int, int], list[PairLink]] = {}
         self.footprints: list[Footprint] = []
@@ -91,9 +92,11 @@ class Joining:
         guess = self._guess(pose, flight)
         if number and pose is not None and not self.graph.placed:
             # Those before lie where this one does.
-            self.graph.carry(guess @ self.graph.pose(-1).inverse())
-        stated = (guess, None) if pose is None else (pose, covariance)
-        self.graph.add(Node(*stated, stamp_ns / 1e9, flight), guess)
+            move = guess @ self.graph.pose(-1).inverse()
+            for before in range(number):
+                self.graph.put(before, move @ self.graph.pose(before))
+        spread = None if pose is None else covariance
+        self.graph.add(Node(pose, spread, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
         self.footprints.append(footprint)
         self._kept[number] = lambda: patch
@@ -155,38 +158,26 @@ class Joining:
         """Of all poses in the map, shape (n, 6, 6), once no cloud is to come."""
         return self.graph.covariances()
 
-    def newest_covariance(self) -> NDArray[np.float64]:
-        """Covariance of the newest pose in the map, shape (6, 6), by the last clouds alone.
-
-        That is no less than it is: what is known from before is not counted, as poses before the
-        last ones are only moved now and then.
-        """
-        count = len(self.graph.nodes)
-        # Clouds before the newest by which its place is known.
-        last = self.graph.part(range(max(0, count - 20), count))
-        return last.covariances(only=[len(last.nodes) - 1])[0]
-
     def _guess(self, stated: Pose | None, flight: int) -> Pose:
         if not self.graph.nodes:
             return stated or IDENTITY
         last, there = self.graph.nodes[-1], self.graph.pose(-1)
         if stated is None:
             return there
-        is_told = last.covariance is not None and last.flight == flight
-        return there @ last.stated.inverse() @ stated if is_told else stated
+        if last.stated is None or last.flight != flight:
+            return stated
+        return there @ last.stated.inverse() @ stated
 
     def _follow(self, number: int) -> None:
         """Lay a cloud on those before it in its flight."""
-        nodes = self.graph.nodes
-        for first in (number - back for back in _BACK):
-            if first < 0 or nodes[first].flight != nodes[number].flight:
-                continue
+        before = [k for k in self._kept if number - k in _BACK and not self._are_passes(k, number)]
+        for first in reversed(before):
             relative = self._laid(first, number)
             if relative is not None:
                 self.graph.link(first, number, relative)
                 # A guess for the others that is nearly right.
                 if number - first == 1 and relative.rank == 6:
-                    self.graph.follow(number)
+                    self.graph.put(number, self.graph.pose(first) @ relative.pose)
 
     def _laid(self, first: int, second: int, is_far: bool = False) -> RelativePose | None:
         """Pose of a cloud seen from an earlier one, however far off; None if it does not fit."""
@@ -208,38 +199,30 @@ class Joining:
         old, nodes = number - max(_BACK), self.graph.nodes
         if old < 0:
             return
-        earlier = max((each for each in self._kept if each < old), default=None)
-        if earlier is not None and nodes[earlier].flight == nodes[old].flight:
-            first, second = self._middles([earlier, old])
-            # A cloud is kept for later passes where the last that was kept is this part of a patch
-            # away.
-            if np.linalg.norm(first - second) < 0.3 * self.footprints[old].size:
-                del self._kept[old]
-                return
-        self._kept[old] = partial(unfolded, folded(self._kept[old]()))
+        earlier = [k for k in self._kept if k < old and nodes[k].flight == nodes[old].flight]
+        # A cloud is kept for later passes where the nearest that is kept is this part of a patch
+        # away.
+        if self._nearest(old, earlier)[1] < 0.3 * self.footprints[old].size:
+            del self._kept[old]
+        else:
+            self._kept[old] = partial(unfolded, folded(self._kept[old]()))
 
     def _close(self, number: int) -> None:
         """Lay a cloud on the nearest one of another pass that shows the same skin."""
-        others = [each for each in self._kept if self._are_passes(each, number)]
-        if not others:
-            return
-        last = number if self._closed is None else self._closed
-        *places, before, here = self._middles([*others, last, number])
-        size = self.footprints[number].size
+        size, passes = self.footprints[number].size, partial(self._are_passes, number)
+        lately = [each for each in self._closed if not passes(each)]
         # Pairs on the same skin err alike, and tell alike: this part of a patch from the last that
         # was laid, one tells hardly more.
-        is_near = np.linalg.norm(before - here) < 0.5 * size
-        if last != number and is_near and not self._are_passes(last, number):
+        if self._nearest(number, lately)[1] < 0.5 * size:
             return
-        far = np.linalg.norm(places - here, axis=1)
-        nearest = others[int(far.argmin())]
+        nearest, far = self._nearest(number, [each for each in self._kept if passes(each)])
         # No farther apart than this part of both patches' sizes.
-        if far.min() > 0.6 * (size + self.footprints[nearest].size):
+        if far > 0.6 * (size + self.footprints[nearest].size):
             return
         relative = self._laid(nearest, number)
         if relative is None:
             return
-        self._closed = number
+        self._closed = [number]
         # Where marks do not tell how far another pass is slid along this one, the autopilot alone
         # does. Pairs share its error, and many would be too sure of it.
         if relative.rank == 6:
@@ -254,8 +237,7 @@ class Joining:
         others = [each for each in self._kept if graph.nodes[each].flight != flight]
         if not others:
             return
-        *places, here = self._middles([*others, number])
-        groups, far = graph.groups(), np.linalg.norm(places - here, axis=1)
+        groups, far = graph.groups(), self._distances(number, others)
         spread = doubt_by_autopilot(graph, others[-1], number)[:3, :3]
         # Standard deviations, and parts of two patches.
         reach = 4 * math.sqrt(np.linalg.eigvalsh(spread)[-1]) + 1.2 * self.footprints[number].size
@@ -268,8 +250,10 @@ class Joining:
                 continue
             found = self._maybe.setdefault((graph.nodes[other].flight, flight), [])
             found.append(PairLink(other, number, relative))
-            ends = ((link.first, link.second, link.relative.pose) for link in found)
-            motions = [graph.pose(a) @ seen @ graph.pose(b).inverse() for a, b, seen in ends]
+            motions = [
+                graph.pose(link.first) @ link.relative.pose @ graph.pose(link.second).inverse()
+                for link in found
+            ]
             pieces = np.array([link.second for link in found])
             # What is wrong lies anywhere on the disc that is searched.
             chance = (REACH / reach) ** 2
@@ -279,7 +263,19 @@ class Joining:
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""
-        return self.graph.in_map(numbers, [self.footprints[each].middle for each in numbers])
+        at = np.asarray(numbers, np.intp)
+        middles = np.stack([self.footprints[each].middle for each in numbers])
+        return (self.graph.turns[at] @ middles[..., None])[..., 0] + self.graph.places[at]
+
+    def _distances(self, number: int, others: Sequence[int]) -> NDArray[np.float64]:
+        """From the middle of a cloud to those of others, metres."""
+        places = self._middles([*others, number])
+        return np.linalg.norm(places[:-1] - places[-1], axis=1)
+
+    def _nearest(self, number: int, others: Sequence[int]) -> tuple[int, float]:
+        """The nearest of other clouds, and how far it is; infinitely far of none."""
+        far = zip(others, self._distances(number, others).tolist(), strict=True)
+        return min(far, key=itemgetter(1), default=(number, math.inf))
 
     def _are_passes(self, one: int, other: int) -> bool:
         nodes = self.graph.nodes
@@ -306,7 +302,8 @@ def doubt_by_autopilot(graph: PoseGraph, first: int, second: int) -> NDArray[np.
     if a.covariance is None or b.covariance is None:
         # Of a cloud's place seen from the one before: metres, radians.
         return np.diag([0.08**2] * 3 + [0.03**2] * 3) * max(1, min(second - first, 3))
-    changed = 1 - share_kept(a, b)
+    kept = np.exp(-abs(b.seconds - a.seconds) / UNKNOWN[1, 0])
+    changed = 1 - kept * (a.flight == b.flight)
     here, there = graph.pose(first), graph.pose(second)
     axes, arm = here.rotation.as_matrix(), there.translation - here.translation
     # The first one's turn moves what lies at the end of the arm.

@@ -8,8 +8,9 @@ the one that most agree with begins a deformation, which is followed outward.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,12 @@ from ftp_dent_ros.dents.dent import MeasuredDent
 from ftp_dent_ros.dents.sightings import CENTRE, agreement, assigned, centre_deviations
 from ftp_dent_ros.errors import InputError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.tying import REACH, agreeing
 
-Array = NDArray[np.float64]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+#: Shifts of places into the other map, and their standard deviations.
+Deformation = Callable[[Array], tuple[Array, Array]]
 
 # Standard deviations within which two are taken for the same.
 _GATE = 4.0
@@ -56,21 +59,24 @@ class DentMatching:
     def in_earlier(self, places: Array) -> tuple[Array, Array]:
         """Places of the later survey in the earlier one, and their standard deviation."""
         moved = self.motion.apply(places)
-        shift, spread = self.deformation.shift(moved)
+        shift, spread = self.deformation(moved)
         return moved + shift, spread
 
-    def in_later(self, places: Array) -> tuple[Array, Array]:
-        """Places of the earlier survey in the later one, and their standard deviation."""
+    def in_later(self, places: Array) -> Array:
+        """Places of the earlier survey in the later one."""
         # Shifts change by a hundredth of the way, so that two steps leave micrometres.
-        shift, _ = self.deformation.shift(places)
-        shift, spread = self.deformation.shift(places - shift)
-        return self.motion.inverse().apply(places - shift), spread
+        shift, _ = self.deformation(places)
+        shift, _ = self.deformation(places - shift)
+        return self.motion.inverse().apply(places - shift)
+
+    def spread(self, place: Array) -> float:
+        """Standard deviation of a place of the earlier survey in the later one."""
+        return float(self.in_earlier(place[None])[1][0])
 
     def near(self, place: Array) -> Pose:
         """Of the earlier survey's frame in the later one's, about a place of the earlier one."""
         turn = self.motion.rotation.inv()
-        places, _ = self.in_later(place[None])
-        return Pose(turn, places[0] - turn.apply(place))
+        return Pose(turn, self.in_later(place[None])[0] - turn.apply(place))
 
 
 class NoMatchError(InputError):
@@ -107,9 +113,8 @@ def match(earlier: Sequence[MeasuredDent], later: Sequence[MeasuredDent]) -> Den
             'check that they are of the same aircraft and overlap'
         )
     motion = motions[same[0]]
-    moved = motion.apply(here)
-    i, j = _followed_pairs(earlier, later, moved, place, (theirs[same[0]], ours[same[0]]))
-    deformation = _fit(moved[j], there[i] - moved[j], place[i, j])
+    begin = theirs[same[0]], ours[same[0]]
+    (i, j), deformation = _followed_pairs(earlier, later, motion.apply(here), place, begin)
     return DentMatching(tuple(zip(i.tolist(), j.tolist(), strict=True)), motion, deformation)
 
 
@@ -130,8 +135,8 @@ def _followed_pairs(
     moved: Array,
     place: Array,
     pairs: Pairs,
-) -> Pairs:
-    """From some pairs outward, until nothing is added."""
+) -> tuple[Pairs, Deformation]:
+    """From some pairs outward, until nothing is added; and how these lie to each other."""
     there = _positions(earlier)
     signs, lengths, cut = (
         [np.nan_to_num([of(dent) for dent in dents]) for dents in (earlier, later)]
@@ -142,20 +147,17 @@ def _followed_pairs(
         )
     )
     alike = np.equal.outer(*signs)
-    # Part of the way to the next dent within which a dent is looked for.
-    gaps = [cKDTree(places).query(places, k=2)[0][:, 1] for places in (there, moved)]
-    free = 0.4 * np.minimum.outer(*gaps)
     # A cut dent has its centre anywhere in it.
     half = np.maximum.outer(*cut) * np.maximum.outer(*lengths) / 2
     while True:
         i, j = pairs
-        shift, spread = _fit(moved[j], there[i] - moved[j], place[i, j]).shift(moved)
+        deformation = _fit(moved[j], there[i] - moved[j], place[i, j])
+        shift, spread = deformation(moved)
         off = cdist(there, moved + shift)
         sigma = np.hypot(spread, math.sqrt(2) * place)
-        reach = np.minimum(_GATE * sigma + half, np.maximum(free, _GATE * place))
-        found = assigned(np.where(alike & (off < reach), off / sigma, np.inf))
+        found = assigned(np.where(alike & (off < _GATE * sigma + half), off / sigma, np.inf))
         if len(found[0]) <= len(i):
-            return pairs
+            return pairs, deformation
         pairs = found
 
 
@@ -210,36 +212,25 @@ def _neighbours(dents: Sequence[MeasuredDent]) -> NDArray[np.intp]:
     return whole[np.stack([first, index[:, 1:].ravel()], axis=1)]
 
 
-@dataclass(frozen=True, eq=False)
-class Deformation:
-    """Where places of one map lie in the other.
+def _shift(
+    at: Array, weights: Array, factor: tuple[Array, bool], walk: float, places: Array
+) -> tuple[Array, Array]:
+    """Shifts of places, shape (m, 3), and the standard deviation of each, shape (m,), by kriging.
 
-    Attributes
+    Parameters
     ----------
-    at : ndarray, shape (n, 3)
-        Places that were matched, metres, about `middle`.
-    middle : ndarray, shape (3,)
-    weights : ndarray, shape (n, 3)
-        Of the kriging.
+    at, weights : ndarray, shape (n, 3)
+        Places that were matched, metres, and their weights.
     factor : tuple
         Cholesky factor of the covariance of the n shifts along each axis.
     walk : float
         Variance that a metre adds, square metres.
+    places : ndarray, shape (m, 3)
     """
-
-    at: Array
-    middle: Array
-    weights: Array
-    factor: tuple[Array, bool]
-    walk: float
-
-    def shift(self, places: Array) -> tuple[Array, Array]:
-        """Shifts of places, shape (m, 3), and the standard deviation of each, shape (m,)."""
-        places = places - self.middle
-        across = _covariance(places, self.at, self.walk)
-        prior = _FREE_SHIFT**2 + _FREE_TURN**2 * (places**2).sum(axis=1) + self.walk * _LENGTH
-        explained = (across * cho_solve(self.factor, across.T).T).sum(axis=1)
-        return across @ self.weights, np.sqrt(np.maximum(prior - explained, 0.0))
+    across = _covariance(places, at, walk)
+    prior = _FREE_SHIFT**2 + _FREE_TURN**2 * (places**2).sum(axis=1) + walk * _LENGTH
+    explained = (across * cho_solve(factor, across.T).T).sum(axis=1)
+    return across @ weights, np.sqrt(np.maximum(prior - explained, 0.0))
 
 
 def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
@@ -252,12 +243,11 @@ def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
     spreads : ndarray, shape (n,)
         Standard deviation of each of both places without the maps' own errors, metres.
     """
-    middle = at.mean(axis=0)
     fits = []
     # Variance of a component that a metre of walk adds, square metres: from hundredths of a
     # millimetre (clouds laid on each other by their skin) to centimetres (by an autopilot).
     for walk in np.geomspace(1e-10, 1e-4, 13):
-        covariance = _covariance(at - middle, at - middle, walk) + np.diag(2 * spreads**2)
+        covariance = _covariance(at, at, walk) + np.diag(2 * spreads**2)
         factor = cho_factor(covariance, lower=True)
         weights = cho_solve(factor, shifts)
         likelihood = -0.5 * float((shifts * weights).sum())
@@ -265,11 +255,11 @@ def _fit(at: Array, shifts: Array, spreads: Array) -> Deformation:
         # What is expected of it before there are dents: a millimetre over a metre, give or take a
         # factor of ten (natural logarithm of a variance).
         likelihood -= 0.5 * (float(np.log(walk / 1e-6)) / 4.6) ** 2
-        fits.append((likelihood, Deformation(at - middle, middle, weights, factor, float(walk))))
+        fits.append((likelihood, partial(_shift, at, weights, factor, float(walk))))
     return max(fits, key=lambda fit: fit[0])[1]
 
 
 def _covariance(a: Array, b: Array, walk: float) -> Array:
-    """Of the shifts along one axis at two sets of places about the middle."""
+    """Of the shifts along one axis at two sets of places."""
     rigid = _FREE_SHIFT**2 + _FREE_TURN**2 * a @ b.T
     return rigid + walk * _LENGTH * np.exp(-cdist(a, b) / _LENGTH)

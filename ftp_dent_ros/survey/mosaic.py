@@ -38,6 +38,9 @@ class Mosaic(Raster):
     ----------
     views : ndarray, shape (rows, columns), uint16
         How many clouds have points in each pixel.
+    findable : ndarray, shape (cells' rows, cells' columns), float32
+        Of each cell the smallest depth of a dent that would have been found in its middle by the
+        best cloud, metres; NaN where it is not known.
     """
 
     def __init__(self, skin: Unrolled, low: NDArray, high: NDArray) -> None:
@@ -47,26 +50,15 @@ class Mosaic(Raster):
             np.zeros((6, *self.shape), np.float32)
         )
         self._steps = np.zeros(self.shape, np.uint8)
-        # Of each cell the group of clouds that is drawn there, and by the best cloud the depth of
-        # a dent that would have been found, and its noise.
+        # Of each cell the group of clouds that is drawn there.
         cells = self.shape[0] // PIXELS_A_CELL, self.shape[1] // PIXELS_A_CELL
         self._owner = np.full(cells, _FREE)
-        self._findable, self._noise = np.full((2, *cells), np.nan, np.float32)
+        self.findable = np.full(cells, np.nan, np.float32)
 
-    def claim(self, places: NDArray, share: float, group: int) -> None:
-        """Have one group of clouds alone drawn where its points cover half of a cell.
-
-        Parameters
-        ----------
-        places : ndarray, shape (n, 2 or more)
-        share : float
-            Of a cell, that a point stands for.
-        group : int
-        """
-        at = np.floor((places[:, :2] - self.low) / CELL).astype(int)
-        (column, row), count = np.unique(at.T, axis=1, return_counts=True)
-        is_covered = share * count >= 0.5
-        self._owner[row[is_covered], column[is_covered]] = group
+    def claim(self, places: NDArray, group: int) -> None:
+        """Have one group of clouds alone drawn in the cells of its places, (n, 2 or more)."""
+        column, row = np.floor((places[:, :2] - self.low) / CELL).astype(int).T
+        self._owner[row, column] = group
 
     def owner(self, place: NDArray[np.float64]) -> int:
         """The group that is drawn at a place of shape (3,); less than 0 where none is."""
@@ -83,8 +75,10 @@ class Mosaic(Raster):
         """
         places, window, u, v = self.laid(cloud, pose, cloud.valid)
         height = remap(places[..., 2], u, v, cv2.INTER_NEAREST)
-        pixels = [np.arange(each.start, each.stop) for each in window]
-        owner = self._owner[np.ix_(*(each // PIXELS_A_CELL for each in pixels))]
+        down, across = (
+            slice(each.start // PIXELS_A_CELL, each.stop // PIXELS_A_CELL) for each in window
+        )
+        owner = by_pixel(self._owner[down, across])
         seen = np.isfinite(height)
         shown = seen & ((owner == group) | (owner == _FREE))
         self.views[window] += seen
@@ -102,16 +96,9 @@ class Mosaic(Raster):
         flat = [(self.skin.place(each)[:, :2] - self.low) / PIXEL for each in steps]
         cv2.fillPoly(self._steps, [each.astype(np.int32) for each in flat], 1)
         # Of each cell, at its middle.
-        middles = [each % PIXELS_A_CELL == PIXELS_A_CELL // 2 for each in pixels]
-        here = np.ix_(*middles)
-        cells = np.ix_(*(a[b] // PIXELS_A_CELL for a, b in zip(pixels, middles, strict=True)))
-        findable, noise = (
-            remap(each, u[here], v[here], cv2.INTER_NEAREST)
-            for each in (found.findable, found.noise)
-        )
-        better = seen[here] & np.isfinite(findable) & ~(self._findable[cells] <= findable)
-        self._findable[cells] = np.where(better, findable, self._findable[cells])
-        self._noise[cells] = np.where(better, noise, self._noise[cells])
+        u, v, seen = (_by_cell(each)[..., PIXELS_A_CELL**2 // 2] for each in (u, v, seen))
+        findable = np.where(seen, remap(found.findable, u, v, cv2.INTER_NEAREST), np.nan)
+        self.findable[down, across] = np.fmin(self.findable[down, across], findable)
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -133,7 +120,7 @@ class Mosaic(Raster):
         return np.where(is_known, mean, np.float32(np.nan))
 
     def cloud(self) -> Cloud:
-        """Middle of each cell, with the skin image as intensity and the noise as sigma."""
+        """Middle of each cell, with the skin image as intensity."""
         count, seen, light, total = (
             _by_cell(each).sum(axis=-1)
             for each in (self.views, self._seen, self._image, self._height)
@@ -141,17 +128,12 @@ class Mosaic(Raster):
         height = np.where(count > 0, total / np.maximum(count, 1), np.nan)
         middles = self.low + CELL * (np.moveaxis(np.indices(count.shape)[::-1], 0, -1) + 0.5)
         points = self.skin.points(middles, height).astype(np.float32)
-        return Cloud(points, light / np.maximum(seen, 1), self._noise)
+        return Cloud(points, light / np.maximum(seen, 1))
 
     def coverage(self) -> CoverageCells:
         """What was measured, cell by cell."""
-        measured, points = self.measured(), self.cloud().points
-        return CoverageCells(CELL, points[measured], self.findable[measured])
-
-    @property
-    def findable(self) -> NDArray[np.float32]:
-        """Of each cell the smallest depth of a dent that would have been found, metres, or NaN."""
-        return np.where(self.measured(), self._findable, np.float32(np.nan))
+        measured = self.measured()
+        return CoverageCells(CELL, self.cloud().points[measured], self.findable[measured])
 
     def measured(self) -> NDArray[np.bool_]:
         """Mask of the cells of which half or more was measured."""
@@ -165,6 +147,11 @@ class Mosaic(Raster):
     def gaps(self) -> tuple[list[Gap], NDArray[np.bool_]]:
         """What was not measured between what was, as of `find_gaps`."""
         return find_gaps(self.measured(), self.low)
+
+
+def by_pixel(cells: NDArray) -> NDArray:
+    """Values of cells, (rows, columns, ...), at each of their pixels."""
+    return cells.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
 
 
 def _by_cell(values: NDArray) -> NDArray:

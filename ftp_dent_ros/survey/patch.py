@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.cloud.cloud import Cloud
@@ -79,11 +80,16 @@ class SkinPatch:
 
     @cached_property
     def surface(self) -> Grid:
-        """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4)."""
+        """Height, its slopes along x and y, and its uncertainty, shape (rows, columns, 4).
+
+        The height is less by half of what it changes by from the patch's middle on, by its slopes.
+        """
+        slopes: Any = np.gradient(self.height, self.pitch)
+        y, x = self.corner[::-1, None, None] + self.pitch * np.indices(self.height.shape)
+        rise = ((slopes[1] * x + slopes[0] * y) / 2).astype(np.float32)
         sigma = self.sigma * np.float32(1e-3)
-        along_x, along_y = slopes(self.height, self.pitch)
-        surface: Any = cv2.merge([self.height, along_x, along_y, sigma])
-        unknown = np.isnan(along_x + along_y + sigma)
+        surface: Any = cv2.merge([self.height - rise, *slopes[::-1], sigma])
+        unknown = np.isnan(surface).any(axis=-1)
         unknown[[0, -1]] = unknown[:, [0, -1]] = True
         surface[unknown] = np.nan
         return surface
@@ -120,7 +126,8 @@ class SkinPatch:
             )
             for reach in (3, 3 + 2 * math.ceil(width))
         )
-        paint: Any = cv2.merge([rest, *slopes(rest, self.pitch), fine])
+        slopes: Any = np.gradient(rest, self.pitch)
+        paint: Any = cv2.merge([rest, *slopes[::-1], fine])
         smoothed: Any = cv2.merge([smooth * coarse, coarse])
         return paint * fine[..., None], smoothed
 
@@ -134,19 +141,14 @@ class SkinPatch:
         row, column = step * np.array(np.nonzero(known[::step, ::step]))
         some = slice(None, None, -(-len(row) // 3000) or 1)
         row, column = row[some], column[some]
-        side = max(1, round(0.004 / self.pitch))
-        rows, columns = (size // side for size in self.height.shape)
         paint = self.paints[0]
         change = np.square(paint[..., 1:3]).sum(axis=-1) * known
-        squares = change[: rows * side, : columns * side].reshape(rows, side, columns, side)
-        squares = squares.transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
-        inside = squares.argmax(axis=1)
-        strength = squares.max(axis=1)
+        side = max(1, round(0.004 / self.pitch))
+        most = cv2.dilate(change, np.ones((side, side), np.uint8))
+        down, across = np.nonzero((change == most) & (change > 0))
         # Those that change most tell most, and grain least.
-        chosen = np.sort(np.argsort(-strength, kind='stable')[:4000])
-        chosen = chosen[strength[chosen] > 0]
-        across = chosen % columns * side + inside[chosen] % side
-        down = chosen // columns * side + inside[chosen] // side
+        chosen = np.sort(np.argsort(-change[down, across], kind='stable')[:4000])
+        down, across = down[chosen], across[chosen]
         return Samples(
             self.points(row, column),
             self.surface[row, column],
@@ -158,30 +160,27 @@ class SkinPatch:
         """Points of cells, shape (n, 3), metres, in the patch's frame."""
         x = self.corner[0] + self.pitch * column
         y = self.corner[1] + self.pitch * row
-        return np.stack([x, y, self.surface[row, column, 0]], axis=-1).astype(float)
+        return np.stack([x, y, self.height[row, column]], axis=-1).astype(float)
+
+    def below(self, points: NDArray[np.float64]) -> Grid:
+        """Height, slopes and uncertainty below points of shape (n, 3); NaN beyond the grid.
+
+        Between cells the skin bends: as far as their chord is on the one side of it their tangents
+        are on the other.
+        """
+        found = self.looked_up(self.surface, points)
+        found[:, 0] += (found[:, 1:3] * points[:, :2]).sum(axis=1) / 2
+        return found
 
     def looked_up(self, layer: Grid, points: NDArray[np.float64]) -> Grid:
         """Values of a layer below points of shape (n, 3), linearly; NaN beyond the grid.
 
-        Exact: OpenCV 4 rounds positions to 1/32 of a cell.
+        OpenCV 4 rounds positions to 1/32 of a cell.
         """
-        u, v = ((points[:, :2] - self.corner) / self.pitch).astype(np.float32).T
-        rows, columns = layer.shape[:2]
-        inside = (u >= 0) & (v >= 0) & (u < columns - 1) & (v < rows - 1)
-        u, v = np.where(inside, u, np.float32(0)), np.where(inside, v, np.float32(0))
-        column, row = np.floor(u), np.floor(v)
-        a, b = (u - column)[:, None], (v - row)[:, None]
-        flat = layer.reshape(rows * columns, -1)
-        at = row.astype(np.intp) * columns + column.astype(np.intp)
-        # Whole rows taken, and sums in place: a quarter of the time of the same by indices.
-        low, low_next, high, high_next = (
-            flat.take(at + beside, axis=0) for beside in (0, 1, columns, columns + 1)
-        )
-        low += a * (low_next - low)
-        high += a * (high_next - high)
-        low += b * (high - low)
-        low[~inside] = np.nan
-        return low
+        at = ((points[:, 1::-1] - self.corner[::-1]) / self.pitch).T
+        channels = np.moveaxis(layer, -1, 0)
+        values = [map_coordinates(each, at, np.float32, 1, cval=np.nan) for each in channels]
+        return np.stack(values, axis=-1)
 
 
 def patch_of(cloud: Cloud) -> SkinPatch:
@@ -209,13 +208,12 @@ def patch_of(cloud: Cloud) -> SkinPatch:
     frame = _tangent(cloud.points[some].astype(float))
     everywhere = frame.inverse().apply(cloud.points.astype(np.float32, copy=False))
     places, heights = np.ascontiguousarray(everywhere[..., :2]), everywhere[..., 2]
-    place = places[some].astype(float)
     # Of the grid, by the cloud's own spacing.
     steps = np.linalg.norm(np.diff(everywhere[:: max(1, len(everywhere) // 24)], axis=1), axis=-1)
     size = 1.5 * float(np.nanmedian(steps))
     _check_spread(places[valid], heights[valid], size)
-    low, high = place.min(axis=0), place.max(axis=0)
-    count = np.ceil((high - low) / size).astype(int) + 1
+    low = places[some].min(axis=0).astype(float)
+    count = np.ceil(np.ptp(places[some], axis=0) / size).astype(int) + 1
     u, v = cells(places, some, low, size, count)
     # Of a point, where a cloud does not tell its uncertainty, metres.
     sigma = np.where(np.isfinite(cloud.sigma), cloud.sigma, np.float32(5e-5))
@@ -252,14 +250,6 @@ def _tangent(points: NDArray[np.float64]) -> Pose:
     x /= np.linalg.norm(x)
     turn = np.stack([x, np.cross(normal, x), normal], axis=-1)
     return Pose(Rotation.from_matrix(turn), middle)
-
-
-def slopes(field: Grid, pitch: float) -> tuple[Any, Any]:
-    """Changes along x and y, central differences; 0 on the outermost cells."""
-    scale = 1 / (2 * pitch)
-    along_x = cv2.Sobel(field, cv2.CV_32F, 1, 0, ksize=1, scale=scale)
-    along_y = cv2.Sobel(field, cv2.CV_32F, 0, 1, ksize=1, scale=scale)
-    return along_x, along_y
 
 
 def _blurred(field: Grid, sigma: float) -> Grid:

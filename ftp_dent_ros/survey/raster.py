@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.unrolled import LARGEST, Unrolled
 
 Grid = NDArray[np.float32]
-Array = NDArray[np.float64]
 Window = tuple[slice, slice]
 
 
@@ -42,7 +42,7 @@ class Raster:
     def __init__(
         self, skin: Unrolled, low: NDArray, high: NDArray, pitch: float, together: int = 1
     ) -> None:
-        side = pitch * together
+        side, self._whole = pitch * together, together
         self.skin, self.pitch, self.low = skin, pitch, np.floor(low / side) * side
         columns, rows = (np.ceil((high - self.low) / side).astype(int) + 1) * together
         self.shape = int(rows), int(columns)
@@ -59,10 +59,11 @@ class Raster:
 
     def window(self, places: Array) -> Window:
         """Rows and columns about places of shape (n, 2 or more), as far as the raster goes."""
-        at = (places[:, :2] - self.low) / self.pitch
+        at, whole = (places[:, :2] - self.low) / self.pitch, self._whole
         # Of pixels: about a cloud its grid may reach into them.
-        low, high = np.floor(at.min(axis=0)) - 4, np.ceil(at.max(axis=0)) + 4
-        (left, down), (right, up) = np.clip([low, high], 0, self.shape[::-1]).astype(int)
+        low, high = np.floor((at.min(axis=0) - 4) / whole), np.ceil((at.max(axis=0) + 4) / whole)
+        sides = whole * np.array([low, high])
+        (left, down), (right, up) = np.clip(sides, 0, self.shape[::-1]).astype(int)
         return slice(down, up), slice(left, right)
 
     def corner(self, window: Window) -> Array:
@@ -137,11 +138,10 @@ def cells(
     weights = np.linalg.lstsq(terms, indices, rcond=None)[0].reshape(4, 4, -1)
     x, y = (low[axis] + size * np.arange(count[axis]) for axis in (0, 1))
     scaled = (x - middle[0]) / half[0], (y - middle[1]) / half[1]
-    u, v = back = polygrid2d(*scaled, weights).swapaxes(1, 2).astype(np.float32)
+    u, v = polygrid2d(*scaled, weights).swapaxes(1, 2).astype(np.float32)
     # How column and row change with x and y: as in the middle is near enough.
-    row, column = len(y) // 2, len(x) // 2
-    along_x = np.gradient(back[:, row], size, axis=1)[:, column]
-    along_y = np.gradient(back[:, :, column], size, axis=1)[:, row]
+    changes = np.stack([weights[1, 0] / half[0], weights[0, 1] / half[1]])
+    along_x, along_y = changes.astype(np.float32)
     wanted_x, wanted_y = x.astype(np.float32), y.astype(np.float32)[:, None]
     # After two corrections it is exact.
     for _ in range(2):

@@ -9,7 +9,7 @@ partly known images: D. Padfield, IEEE Transactions on Image Processing 21, 2706
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import cv2
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ftp_dent_ros.pose import Pose
-from ftp_dent_ros.rigid import moved, moved_along, seen_along, twist_between
+from ftp_dent_ros.rigid import Array, moved, moved_along, seen_along, twist_between
 from ftp_dent_ros.survey.alignment import (
     APART,
     PairEquations,
@@ -33,14 +33,11 @@ from ftp_dent_ros.survey.raster import remap
 
 # Share of the second cloud that has to lie on the first, and points of its paint.
 _LEAST_OVERLAP, _LEAST_PAINT = 0.15, 200
-_NO_PAINT = 'without a skin image: laid on each other by their shape alone'
 _NOWHERE = 'its paint is found nowhere on the other: by their shape alone'
-_AMBIGUOUS = 'its marks fit in more places than one: by their shape alone'
 
 # Standard deviations of the evidence against a place beyond which it is not the right one.
 _CLEARLY = 4.5
 
-Array = NDArray[np.float64]
 
 # Of the cells that are correlated, metres: marks are a few millimetres wide.
 _CELL = 0.003
@@ -80,13 +77,10 @@ def register(
     arm, axes = first.frame.apply(centre) - guess.translation, first.frame.rotation.as_matrix()
     near = Guess(start, centre, seen_along(doubt, axes, arm))
     best = _laid(first, few, start, centre, np.linalg.inv(near.doubt))
-    near = replace(near, centre=_centre(first, few, best))
-    found, remark, centre = None, _NO_PAINT, near.centre
+    found, remark = None, 'without a skin image: laid on each other by their shape alone'
     if first.light is not None and second.light is not None:
         best, found, remark = _by_paint(first, second, best, near)
     found = found or of_heights(first, samples, best, centre)
-    if found.heights < _LEAST_OVERLAP * len(samples.heights):
-        raise UnlikePairError(APART)
     # Heights' misfit by what the clouds state, above which they do not show one surface.
     if found.spread > 25.0:
         raise UnlikePairError(
@@ -160,23 +154,22 @@ def _by_paint(
     Where there is none, or more than one: the pose by the shape, and why.
     """
     samples, few = second.samples, second.samples.few
-    loose = 1e-3 * np.linalg.inv(near.doubt).astype(float)
     places = candidates(first, second, by_shape, near)
     # How high and how tilted they lie is the shape's to tell: a curved skin turns what slides
     # on it by far more than a guess is unsure of at its own place.
     # By how much a place may move along the skin as patches are laid on each other there: the
     # cells that it was found by, metres.
-    held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [loose[5, 5]])
+    held = np.diag([1 / _CELL**2] * 2 + [0.0] * 3 + [1 / near.doubt[5, 5]])
     by_few = partial(equations, first, few, centre=near.centre)
-    left = _best_of(
-        Place.at(first, samples, _solved(by_few, each, near.centre, held), near) for each in places
-    )
+    nearly = (_solved(by_few, each, near.centre, held, steps=4) for each in places)
+    left = _best_of(Place.at(first, samples, each, near) for each in nearly)
     if len(left) != 1:
-        return by_shape, None, _AMBIGUOUS if left else _NOWHERE
-    pose = _solved(by_few, left[0].pose, near.centre, loose)
+        several = 'its marks fit in more places than one: by their shape alone'
+        return by_shape, None, several if left else _NOWHERE
+    pose = _solved(by_few, left[0].pose, near.centre, held)
     found = equations(first, samples, pose, near.centre)
-    painted = len(found.residual) - found.heights
-    if painted < _LEAST_PAINT or near.away(pose)[1] > _WITHIN**2:
+    few_painted = np.count_nonzero(painted(first, samples, pose)[1]) < _LEAST_PAINT
+    if few_painted or near.away(pose)[1] > _WITHIN**2:
         return by_shape, None, _NOWHERE
     return pose, found, ''
 
@@ -191,7 +184,7 @@ def _solved(
     pose: Pose,
     centre: Array,
     prior: NDArray,
-    steps: int = 8,
+    steps: int = 12,
 ) -> Pose:
     """Pose of least squares, held by the guess where the patches do not tell."""
     off = np.zeros(6)
@@ -209,7 +202,7 @@ def _solved(
 
 def _centre(first: SkinPatch, samples: Samples, pose: Pose) -> NDArray[np.float64]:
     place = pose.apply(samples.heights)
-    met = np.isfinite(first.looked_up(first.surface, place)[:, 0])
+    met = np.isfinite(first.below(place)[:, 0])
     if met.sum() <= _LEAST_OVERLAP * len(place):
         raise UnlikePairError(APART)
     return place[met].mean(axis=0)
@@ -266,7 +259,7 @@ class Place:
         below, met = painted(first, samples, pose)
         paint = np.where(met, np.abs(below[:, 0] - samples.paint_values[:, 0]), np.nan)
         place = pose.apply(samples.heights)
-        below = first.looked_up(first.surface, place)
+        below = first.below(place)
         sigma = np.hypot(below[:, 3], samples.height_values[:, 3])
         height = np.abs(place[:, 2] - below[:, 0]) / sigma
         return cls(pose, *near.away(pose), (paint, height))
@@ -287,11 +280,10 @@ class Place:
             gain = mine - others
             gain = gain[np.isfinite(gain)]
             square = np.square(gain).sum()
-            if square > 0:
-                # Points near each other err alike, and count as so many fewer: rendered rivets of
-                # four pitches, and nothing else, tell their pitches apart by 1.8 standard
-                # deviations too often.
-                evidence += gain.sum() * abs(gain.sum()) / (square * 3.3)
+            # Points near each other err alike, and count as so many fewer: rendered rivets of four
+            # pitches, and nothing else, tell their pitches apart by 1.8 standard deviations too
+            # often. Of no points there is no evidence.
+            evidence += gain.sum() * abs(gain.sum()) / max(square * 3.3, 1e-12)
         return float(evidence)
 
 
@@ -299,10 +291,9 @@ def _best_of(places: Iterable[Place]) -> list[Place]:
     """The best place, and another one if it is not clearly worse, which is enough to give up."""
     left: list[Place] = []
     for place in places:
-        if not left or place.evidence_against(left[0]) < 0:
-            left = [place, *(each for each in left if each.is_rival_of(place))]
-        elif place.is_rival_of(left[0]):
-            left.append(place)
+        both = [*left, place]
+        best = min(both, key=lambda each: max(each.evidence_against(other) for other in both))
+        left = [best, *(each for each in both if each is not best and each.is_rival_of(best))]
         if len(left) > 1:
             break
     return left
@@ -335,12 +326,8 @@ def candidates(
         for height, shift in _peaks(first, second, pose, reach):
             found.append((height, np.array([*shift, 0, 0, 0, turn])))
         found.sort(key=lambda each: -each[0])
-    kept: list[NDArray[np.float64]] = []
     for height, step in found:
-        if height < _RIVAL * found[0][0]:
-            break
-        if all(np.hypot(*(other - step)[:2]) > 2 * _CELL for other in kept):
-            kept.append(step)
+        if height >= _RIVAL * found[0][0]:
             yield moved(guess, step, centre)
 
 
@@ -371,22 +358,12 @@ def _peaks(
     u, v = np.moveaxis(at.astype(np.float32), -1, 0)
     # What lies beyond is not known; a cell beside it is not, either.
     paint = second.paints[1]
-    known = (remap(paint[..., 1], u, v) > 0.99).astype(np.float32)
-    seen = np.nan_to_num(remap(paint[..., 0], u, v)) * known
-    # The second image begins so many steps earlier.
-    count, both, ours, theirs = (
-        cv2.matchTemplate(one, other, cv2.TM_CCORR)[::-1, ::-1]
-        for one, other in (
-            (known, still_known),
-            (seen, still),
-            (known, still**2),
-            (seen**2, still_known),
-        )
-    )
-    value = both / np.sqrt(np.maximum(ours * theirs, 1e-12))
-    least = max(_LEAST_OVERLAP * min(still_known.sum(), known.sum()), 1)
-    # Of two that are as alike, the one with more in common.
-    value *= (count > least) * np.sqrt(np.clip(count / max(count.max(), 1.0), 0, 1))
+    known = remap(paint[..., 1], u, v) > 0.99
+    seen = np.where(known, remap(paint[..., 0], u, v), np.float32(0))
+    # The second image begins so many steps earlier. Of two places that are as alike, the one with
+    # more of the first's paint in common.
+    alike = cv2.matchTemplate(seen, still, cv2.TM_CCORR_NORMED, mask=still_known)[::-1, ::-1]
+    value = np.where(np.abs(alike) <= 1, alike, 0)
     highest = cv2.dilate(value, np.ones((5, 5), np.uint8))
     return [
         (float(value[row, column]), (np.array([column, row]) - steps) * size)

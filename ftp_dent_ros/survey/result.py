@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent, tangent_axes
+from ftp_dent_ros.rigid import Array
 from ftp_dent_ros.survey.raster import remap
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

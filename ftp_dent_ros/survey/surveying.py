@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros import __version__
-from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.cloud.seen import SeenCloud
-from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent
-from ftp_dent_ros.dents.dent_list import DentList, position_covariance
+from ftp_dent_ros.dents.dent import MeasuredDent, SmallestDent
+from ftp_dent_ros.dents.dent_list import EXACT, DentList, position_covariance
 from ftp_dent_ros.dents.glass import sentence
 from ftp_dent_ros.dents.rules import Rules
 from ftp_dent_ros.dents.sightings import ListedDent
@@ -260,8 +258,7 @@ class FusedSkin:
         self.mosaic, sizes = Mosaic(skin, *_extent(places)), np.bincount(self._groups)
         # Where several groups lie, the largest is drawn.
         for number in np.lexsort((self._groups, sizes[self._groups])):
-            share = joined.footprints[number].share
-            self.mosaic.claim(places[number], share, self._groups[number])
+            self.mosaic.claim(places[number], self._groups[number])
         # What the clouds of a group tell together: of one by itself there is none.
         self._fusions = {
             group: Fusion(
@@ -290,24 +287,17 @@ class FusedSkin:
     ) -> Iterator[tuple[SeenCloud, Inspected]]:
         """Each cloud, its points those of all clouds, and its dents; the picture is drawn with it.
 
-        Poses are those seen from the middle cloud. Depths are as uncertain as what all clouds may
-        have in common.
+        Poses are as uncertain as seen from the middle one of those that are tied to the most.
         """
-        graph = self._joined.graph
-        among_them = graph.covariances(anchor=len(graph.poses) // 2)
+        most = np.flatnonzero(self._groups == np.bincount(self._groups).argmax())
+        # That one is exact: zeros would say that nothing is known of it.
+        among_them = EXACT + self._joined.graph.covariances(anchor=int(most[len(most) // 2]))
         for item, pose, number in self._clouds(photographs):
             fusion, covariance = self._fusions.get(self._groups[number]), among_them[number]
             cloud = fusion.fused(item.cloud, pose) if fusion else item.cloud
             placed = replace(item, cloud=cloud, pose=pose, vehicle=pose, covariance=covariance)
             outcome = inspected(inspect, settings, (cloud, np.zeros(3)))
-            found = outcome.found
-            self.mosaic.add(cloud, pose, found, self._groups[number])
-            if found is not None:
-                dents, others = (
-                    tuple(_less_sure(dent, item.cloud, cloud) for dent in part)
-                    for part in (found.dents, found.others)
-                )
-                outcome = Inspected(replace(found, dents=dents, others=others))
+            self.mosaic.add(cloud, pose, outcome.found, self._groups[number])
             yield placed, outcome
             self._progress()
 
@@ -348,24 +338,6 @@ def _extent(places: Sequence[NDArray[np.float32]]) -> tuple[NDArray, NDArray]:
     """Least and largest x and y of clouds' places, with some room, metres."""
     flat = np.concatenate(places)[:, :2].astype(float)
     return flat.min(axis=0) - 0.05, flat.max(axis=0) + 0.05
-
-
-def _less_sure(dent: MeasuredDent, cloud: Cloud, fused: Cloud) -> MeasuredDent:
-    """A dent of a fused cloud, its depth and volume as uncertain as the cloud by itself is there.
-
-    What windows take of a dent, and the rig's errors, all clouds may have in common: that makes no
-    dent of bare skin, but does not average out of a dent's depth either.
-    """
-    # Points about the middle, metres.
-    near = np.linalg.norm(cloud.points - dent.position, axis=-1) < 0.006
-    known = cloud.sigma[near & (fused.sigma < cloud.sigma)]
-    shared = math.sqrt(float(np.square(known).mean())) if len(known) else 0.0
-    part = shared / abs(dent.depth.value)
-    depth, volume = (
-        Estimate(each.value, math.hypot(each.uncertainty, part * each.value))
-        for each in (dent.depth, dent.volume)
-    )
-    return replace(dent, depth=depth, volume=volume)
 
 
 def report_on_skin(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from ftp_dent_ros.rigid import Array
 
 #: Side of a cell of what was measured, metres: the least dent is as wide.
 CELL = 0.01

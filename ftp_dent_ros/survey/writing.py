@@ -20,7 +20,7 @@ from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
-from ftp_dent_ros.survey.mosaic import PIXEL, PIXELS_A_CELL, Mosaic
+from ftp_dent_ros.survey.mosaic import PIXEL, Mosaic, by_pixel
 from ftp_dent_ros.survey.result import SurveyedDent
 from ftp_dent_ros.survey.unrolled import CELL, Gap
 
@@ -34,11 +34,9 @@ _DEEPEST = 0.5e-3
 def write_survey(folder: Path, survey: Surveyed, frame: AircraftFrame | None = None) -> list[Path]:
     """Write pictures, ``mosaic.ply``, ``survey.json`` and the page ``survey.html``.
 
-    The pictures ``skin.png``, ``deviation.png`` and ``coverage.png`` show the unrolled skin from
-    outside, 2 mm a pixel; the world file beside each (``.pgw``) says where its pixels lie on the
-    unrolled skin, metres. Red is deep and blue is high, 0.5 mm at their fullest, and light grey is
-    not known; of the coverage, black is not measured, white was seen ten times or more, and what
-    is red is a gap.
+    The pictures ``skin.png`` and ``deviation.png`` show the unrolled skin from outside, 2 mm a
+    pixel; `fields` says where their pixels lie on it. Red is deep and blue is high, 0.5 mm at
+    their fullest, and light grey is not known.
 
     Parameters
     ----------
@@ -50,22 +48,19 @@ def write_survey(folder: Path, survey: Surveyed, frame: AircraftFrame | None = N
     Returns
     -------
     list of Path
-        What was written, without the world files.
+        What was written.
     """
     mosaic = survey.mosaic
     pictures = {
         'skin': mosaic.image,
         'deviation': drawing.deviation_colours(mosaic.deviation, _DEEPEST)[..., ::-1],
-        'coverage': _coverage(mosaic),
     }
     names = [*(f'{name}.png' for name in pictures), 'mosaic.ply', 'survey.json', 'survey.html']
-    worlds = [f'{name}.pgw' for name in pictures]
-    with write_all_atomically(folder, [*names, *worlds], 'the survey') as temporary:
+    with write_all_atomically(folder, names, 'the survey') as temporary:
         for name, picture in pictures.items():
             # y grows upwards on the skin, rows grow downwards.
             _, data = cv2.imencode('.png', picture[::-1])
             temporary[f'{name}.png'].write_bytes(data.tobytes())
-            temporary[f'{name}.pgw'].write_text(_world_file(mosaic), encoding='ascii')
         write_ply(temporary['mosaic.ply'], mosaic.cloud(), survey.result.frame_id)
         record = json.dumps(finite(fields(survey, frame)), indent=1)
         temporary['survey.json'].write_text(record, encoding='utf-8')
@@ -105,6 +100,9 @@ def fields(survey: Surveyed, frame: AircraftFrame | None = None) -> dict[str, An
             'normal': skin.normal.tolist(),
             'radius': skin.radius,
             'taper': skin.taper,
+            # Of the pictures: where the corner of the lowest pixel at the left lies, metres.
+            'corner': mosaic.low.tolist(),
+            'pixel': PIXEL,
         },
         'dents': [_record(each, survey, frame) for each in result.dents],
         'coverage': {
@@ -142,23 +140,6 @@ def _record(each: SurveyedDent, survey: Surveyed, frame: AircraftFrame | None) -
         record['aircraft_mm'] = (place * 1e3).tolist()
         record['aircraft_uncertainty_mm'] = (np.sqrt(np.diag(spread)) * 1e3).tolist()
     return record
-
-
-def _world_file(mosaic: Mosaic) -> str:
-    """Six lines: pixel size, turns, and the place of the upper left pixel's middle."""
-    left, top = mosaic.low + PIXEL * np.array([0.5, mosaic.shape[0] - 0.5])
-    return ''.join(f'{value:.6f}\n' for value in (PIXEL, 0.0, 0.0, -PIXEL, left, top))
-
-
-def _coverage(mosaic: Mosaic) -> NDArray[np.uint8]:
-    """BGR: brighter the more often it was seen, gaps red."""
-    share = np.minimum(mosaic.views, 10) / 10
-    grey = np.where(share > 0, 80 + 175 * share, 0)
-    picture = np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8)
-    _, gaps = mosaic.gaps()
-    wide = gaps.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
-    picture[wide & (mosaic.views == 0)] = (40, 40, 220)
-    return picture
 
 
 def survey_page(survey: Surveyed, frame: AircraftFrame | None = None) -> str:
@@ -287,20 +268,16 @@ def _layers(mosaic: Mosaic, gap_mask: NDArray[np.bool_]) -> list[dict[str, Any]]
         return layers
     low, high = np.percentile(known, [1, 99])
     high = max(high, 1.01 * low)
-    table = drawing.colours('viridis_r')
-    share = np.log(np.clip(findable, low, high) / low) / np.log(high / low)
-    pixels = table[np.nan_to_num(255 * share).astype(int)]
-    pixels[~np.isfinite(findable)] = drawing.NOTHING
+    pixels = drawing.coloured(np.log(findable), np.log(low), np.log(high), 'viridis_r')
     pixels[gap_mask] = (216, 35, 42)
-    pixels = pixels.repeat(PIXELS_A_CELL, axis=0).repeat(PIXELS_A_CELL, axis=1)
     layers.append(
         {
             'title': 'Smallest dent that would have been found',
             'caption': f'Depth in mm, in each cell of {CELL * 1e3:.0f} mm, of a dent of the '
             'smallest width. Grey: not measured; red: a gap.',
-            'data': drawing.png(pixels[::-1]),
+            'data': drawing.png(by_pixel(pixels)[::-1]),
             'scale': {
-                'data': drawing.png(table[None]),
+                'data': drawing.png(drawing.colours('viridis_r')[None]),
                 'marks': [f'{low * (high / low) ** part:.3g}' for part in np.linspace(0, 1, 5)],
             },
         }

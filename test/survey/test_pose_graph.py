@@ -87,7 +87,7 @@ def joined(poses: list[Pose], links, seed: int, stated: list[Pose] | None = None
             if second == number:
                 graph.link(first, second, found)
                 if second - first == 1:
-                    graph.follow(number)
+                    graph.put(number, graph.pose(first) @ found.pose)
         graph.update()
     graph.solve()
     return graph
@@ -227,3 +227,30 @@ def test_a_place_is_as_uncertain_as_its_flights_error_is_constant(constant):
     assert 0.1 < np.mean(ratios) < 2.5
     # Of 30 mm that are stated: all of it, or what 360 s leave of a drift of some seconds.
     assert np.mean(stated) > 0.027 if constant else np.mean(stated) < 0.015
+
+
+def test_a_cloud_that_comes_late_is_as_near_in_time_as_one_that_comes_early():
+    placed = []
+    for seconds in ((0.0, 4.0, 8.0), (8.0, 4.0, 0.0)):
+        graph, rng = PoseGraph(), np.random.default_rng(2)
+        for number, time in enumerate(seconds):
+            off = rng.multivariate_normal(np.zeros(6), STATED)
+            stated = Pose(Rotation.from_rotvec(off[3:]), off[:3])
+            graph.add(Node(stated, STATED, time, 0), stated)
+            if number:
+                information = np.diag(1 / np.square(SIGMA))
+                found = RelativePose(Pose.from_rpy((0, 0, 0), (0, 0, 0)), CENTRE, information, 6)
+                graph.link(number - 1, number, found)
+        graph.settle()
+        placed.append(graph.poses)
+    assert farthest(*placed) < 1e-6
+
+
+def test_a_pose_seen_from_another_errs_by_both():
+    """Where the autopilot alone tells, each of the two is as uncertain as it states."""
+    graph, none = PoseGraph(), Pose(Rotation.identity(), np.zeros(3))
+    for number in range(2):
+        graph.add(Node(none, STATED, 1e4 * number, 0), none)
+    seen = graph.covariances(anchor=0)
+    np.testing.assert_allclose(np.diag(seen[1]), 2 * np.diag(STATED), rtol=0.02)
+    np.testing.assert_allclose(seen[0], 0, atol=1e-15)

@@ -13,7 +13,7 @@ from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.errors import CloudError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.rigid import twist_between
-from ftp_dent_ros.survey.patch import patch_of
+from ftp_dent_ros.survey.patch import SkinPatch, patch_of
 from ftp_dent_ros.survey.registration import UnlikePairError, register
 
 DOUBT = STATED / 4
@@ -173,3 +173,14 @@ def test_without_an_image_of_the_skin_a_shape_beside_its_place_is_not_sure_of_it
             error = error_of(found, true)
             misfits.append(error @ found.information @ error / max(found.rank, 1))
     assert np.sqrt(np.mean(misfits)) < 3
+
+
+def test_a_skin_is_bent_between_the_cells_of_its_patch():
+    """Chords of a fuselage at 3 mm a cell lie 0.4 micrometres in it, and that adds up."""
+    x, y = np.meshgrid(np.arange(-0.15, 0.15, 0.003), np.arange(-0.1, 0.1, 0.003))
+    height = (-(y**2) / 4 + 0.02 * x).astype(np.float32)
+    level = Pose(Rotation.identity(), np.zeros(3))
+    patch = SkinPatch(level, 0.003, np.array([x[0, 0], y[0, 0]]), height, np.ones_like(height))
+    places = np.random.default_rng(1).uniform(-0.08, 0.08, (500, 3))
+    off = patch.below(places)[:, 0] - (-(places[:, 1] ** 2) / 4 + 0.02 * places[:, 0])
+    assert abs(off.mean()) < 1e-8 and np.abs(off).max() < 5e-8
