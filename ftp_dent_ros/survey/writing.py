@@ -216,13 +216,12 @@ def skin_of(
     facts : sequence of (str, str)
         Of the flight, before those of the coverage.
     remarks : sequence of str
-        What could not be used, and why; the first twelve are shown.
+        What could not be used, and why.
     """
     rows, columns = mosaic.shape
     gaps, gap_mask = mosaic.gaps()
     # A long strip is shown in parts, each at most four times as long as it is high.
     count = max(1, math.ceil(columns / (4.0 * rows)))
-    more = [f'And {len(remarks) - 12} more remarks.'] if len(remarks) > 12 else []
     return {
         'size': (columns, rows),
         'windows': [
@@ -242,7 +241,7 @@ def skin_of(
             }
             for gap in gaps[:20]
         ],
-        'remarks': [*remarks[:12], *more],
+        'remarks': list(remarks),
     }
 
 
