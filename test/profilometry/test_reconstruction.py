@@ -200,7 +200,7 @@ def test_raw_pixels_give_the_cloud_of_the_colours(scene, mosaic):
     assert 0.8 < (errors / measurement.cloud.sigma[measurement.cloud.valid]).std() < 1.3
 
 
-@pytest.mark.xfail(strict=False, reason='OpenCV 4.6: 14 of 60,493 intensities up to 1.2 levels off')
+@pytest.mark.xfail(strict=False, reason='OpenCV 4.6: 14 of 60,493 intensities are off')
 def test_the_number_of_bits_changes_nothing(scene):
     seen = scene('flat')
     eight = Reconstructor(RIG, PATTERN).reconstruct(seen.image)
