@@ -186,7 +186,7 @@ def facts_of(report: InspectionReport) -> list[tuple[str, str]]:
         ('Would have been found', _findable(frames, report.settings.smallest_depth)),
         ('Not measured', _not_measured(report)),
         ('Waviness', _waviness(frames)),
-        ('Noise of a point', f'{np.median(noise) * 1e3:.3f} mm' if noise else 'not known'),
+        ('Noise of a point', f'{np.median(noise) * 1e3:.4f} mm' if noise else 'not known'),
         ('Rig', rig or 'not known'),
         ('Positions in', report.frame_id),
         ('Pose', _pose(frames)),
