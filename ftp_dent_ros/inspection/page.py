@@ -155,7 +155,7 @@ def _seen(frame: ReportedCloud) -> list[str]:
     if frame.covariance is not None:
         spread = position_interval(frame.covariance[:3, :3])
     time = frame.name if frame.stamp_ns is None else iso_time(frame.stamp_ns)
-    noise = f'{frame.noise * 1e3:.3f}' if math.isfinite(frame.noise) else '–'
+    noise = f'{frame.noise * 1e3:.4f}' if math.isfinite(frame.noise) else '–'
     return [str(frame.number), time, place, spread, noise, str(frame.dents), str(frame.others)]
 
 
