@@ -82,8 +82,8 @@ class Survey(PayloadNode[SurveySettings]):
             self.diagnostics.refuse('no skin', 'a cloud came without the image of its skin')
         cloud = item.with_skin(self.diagnostics)
         pose = joining.add(stamp_ns, cloud, stated, covariance)
-        # How much of the autopilot's error is constant, a flight tells when it is over: until then
-        # a place in the map is as uncertain as the autopilot's.
+        # A flight that is over shows how much of the autopilot's error is constant. Until then a
+        # place in the map is as uncertain as the autopilot's.
         self._pose.publish(covariant_pose_message(pose, covariance, stamp_ns, frame))
         stamps, poses = tuple(joining.numbers), tuple(joining.graph.poses)
         self._drawing.put((stamps, poses, tuple(joining.footprints)))

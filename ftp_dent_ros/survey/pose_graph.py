@@ -154,10 +154,10 @@ class PoseGraph:
 
     @property
     def placed(self) -> dict[int, list[int]]:
-        """Numbers of the poses that the autopilot tells, by their flights."""
-        told = [k for k, node in enumerate(self.nodes) if node.covariance is not None]
-        flights = sorted({self.nodes[k].flight for k in told})
-        return {each: [k for k in told if self.nodes[k].flight == each] for each in flights}
+        """Numbers of the poses that the autopilot states, by their flights."""
+        stated = [k for k, node in enumerate(self.nodes) if node.covariance is not None]
+        flights = sorted({self.nodes[k].flight for k in stated})
+        return {each: [k for k in stated if self.nodes[k].flight == each] for each in flights}
 
     @property
     def poses(self) -> list[Pose]:

@@ -22,7 +22,7 @@ _LEARNED, _ROUNDS, _SHARPENED = 2, 2, 2
 RESOLVED = 1.45
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
-# Every how many bins show the waveform's unknowns.
+# Every how many bins show the waveform's response.
 _EVERY = 5
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0

@@ -2,7 +2,7 @@
 
 F is the pattern's light about its mean, blurred by a Gaussian, and bent by the projector's and the
 camera's response: Chebyshev's polynomials of the orders 2 to 5, which of cosines are harmonics.
-Blur and response are global unknowns of the fit.
+Blur and response are one for the whole picture, but for the blur's rise over its width.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _SAMPLES = 128
 _BEYOND = 4
 # Polynomials of the response, orders 2 to 5.
 _BENDS = 4
-# Widths of the blur to choose from, radians: the largest leaves a tenth of the fringes. And
-# factors on the chosen one to choose it better: half a step of most of them.
+# Widths of the blur to choose from, radians: the largest leaves a tenth of the fringes. Factors on
+# the chosen width, to choose it better: some half a step.
 _WIDTHS, _NEARER = np.linspace(0.3, 2.1, 5), np.array([0.8, 1.0, 1.2])
 # Uncertainty of the variance in a third of the picture, over that of its rise beforehand.
 _KNOWN = 0.1
