@@ -11,6 +11,7 @@ from scipy import stats
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL
+from ftp_dent_ros.inspection.measuring.noise import SURE
 from ftp_dent_ros.inspection.measuring.outline import (
     BETWEEN,
     Outline,
@@ -21,10 +22,11 @@ from ftp_dent_ros.inspection.measuring.outline import (
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-# Times that a dent is measured again, and how much wider that makes an interval of 95 %.
-_TIMES = 12
-_WIDER = stats.t.ppf(0.975, _TIMES - 1) / stats.norm.ppf(0.975)
-#: Part of the depth above which the bottom is: a quadric is laid through it.
+# Pairs of opposite noise that a dent is measured again with, and how much wider so few make an
+# interval of 95 %.
+_PAIRS = 6
+_WIDER = stats.t.ppf(0.975, _PAIRS) / stats.norm.ppf(0.975)
+#: Part of the depth above which the bottom is.
 CAP = 0.85
 # Places across the bottom, in widths.
 _ACROSS = np.linspace(-0.75, 0.75, 301)
@@ -88,15 +90,16 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     cut = is_cut(patch, outline)
     wide = (1 + cut) * outline.width
     unsure = skin.uncertainty(*outline.centre, wide)
-    again = [_measured(each, at, region) for each in patch.with_noise(_TIMES, unsure)]
+    again = [_measured(each, at, region) for each in patch.with_noise(_PAIRS, unsure)]
     drawn = np.array([each[0] for each in again if each is not None])
-    if len(drawn) < _TIMES / 2:
+    if len(drawn) < _PAIRS:
         return None
     off = drawn - values
     off[:, 3] = (off[:, 3] + math.pi / 2) % math.pi - math.pi / 2
-    # Noise makes the longest distance longer, and the deepest place deeper, once more.
-    more = off.mean(axis=0)
-    spread = np.hypot(_WIDER * off.std(axis=0, ddof=1), more / 2)
+    # Noise makes the longest distance longer, and the deepest place deeper: it goes with the
+    # variance, of which half of the noise has a quarter.
+    more = 4 * off.mean(axis=0)
+    spread = np.hypot(_WIDER * 2 * off.std(axis=0, ddof=1), more / 2)
     values = np.where(values > 0, values * values / np.maximum(values + more, values / 2), values)
     # The length is the longest distance: what would make it shorter than the width, is of both.
     middle = values[1:3].mean()
@@ -131,7 +134,9 @@ def _measured(
     high = float(patch.depth[at])
     if not high > 0:
         return None
-    depth = _bottom(patch, part_above(patch, at, CAP * high, region))
+    # What noise may have made shallower than the deepest, down to half of it.
+    surely = max(high - SURE * float(patch.strays[at]), high / 2)
+    depth = _bottom(patch, part_above(patch, at, surely, region))
     outline = find_outline(patch, at, depth, LEVEL, region)
     if outline is None or not outline.inside.any():
         return None
