@@ -60,7 +60,7 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
     base = np.full(known.shape, np.inf)
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(TENTH * scale)
-        spread = np.hypot(skin.noise.tested(scale), np.float32(wavy))
+        spread = np.hypot(skin.noise.after(scale), np.float32(wavy))
         unsure = spread
         if gaps.any():
             smooth = smoothed(bridged, known | gaps, lattice.cells(scale))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.response import OF_NOISE, left_out, white_noise
-from ftp_dent_ros.dents.dent import COVERAGE
 from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
@@ -44,9 +43,6 @@ class Noise:
         Standard deviation of the cloud's windows, metres.
     fits : int
         In them, each of which corrects the ones before.
-    tails : ndarray, shape (n,)
-        What 95 % of the bare skin stays within, to the side of the smaller, over what 95 % of
-        normal noise would; 1 at least.
     """
 
     scales: NDArray[np.float64]
@@ -55,11 +51,6 @@ class Noise:
     stated: Map
     window: float
     fits: int
-    tails: NDArray[np.float64]
-
-    def tested(self, scale: float) -> NDArray:
-        """What a test holds places against: `after`, as far as its tails are wider."""
-        return self.after(scale) * np.float32(np.interp(scale, self.scales, self.tails))
 
     def after(self, scale: float, stated: NDArray | float | None = None) -> NDArray:
         """Standard deviation after a Gaussian of `scale` metres, of each cell, metres.
@@ -177,16 +168,7 @@ def measured_noise(
         found.append((ratio if scale else ratio / white, math.sqrt(max(alike, _LEAST**2))))
     ratios, common = np.array(found).T
     falling = np.minimum.accumulate(common)
-    steps = np.array((0.0, *scales))
-    noise = Noise(steps, ratios, falling, stated, window, fits, np.ones(len(steps)))
-    cells, tails = _some(sample), []
-    for smooth, step in zip((deviation, *maps), steps, strict=True):
-        # One more that does not stray: there may be none.
-        strayed = np.append(_known(smooth / noise.after(step), cells), 0.0)
-        # Dents stray to one side, noise to both.
-        low, high = np.quantile(strayed, (0.025, 0.975))
-        tails.append(max(min(-low, high) / COVERAGE, 1.0))
-    return replace(noise, tails=np.array(tails))
+    return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits)
 
 
 def _some(mask: Mask) -> NDArray[np.intp]:
@@ -196,14 +178,9 @@ def _some(mask: Mask) -> NDArray[np.intp]:
 
 def _strayed(values: Map, cells: NDArray[np.intp]) -> float:
     """Standard deviation of some cells by their median; least without any."""
-    known = _known(values, cells)
-    return NORMAL_SPREAD * median(np.abs(known)) if len(known) else _LEAST
-
-
-def _known(values: Map, cells: NDArray[np.intp]) -> Map:
-    """Values of some cells, of those that are known."""
-    some = values.ravel()[cells]
-    return some[np.isfinite(some)]
+    size = np.abs(values.ravel()[cells])
+    size = size[np.isfinite(size)]
+    return NORMAL_SPREAD * median(size) if len(size) else _LEAST
 
 
 def _left(scale: float, fits: int) -> float:

@@ -22,7 +22,7 @@ def test_noise_passes_the_threshold_as_often_as_is_stated(reach):
     scale, rate = 2e-3, 40.0
     flat = np.zeros((1, 1), np.float32)
     one, none = np.ones(2), np.zeros(2)
-    level = Noise(np.array([0, scale]), one, none, flat, reach, 1, one).significant(rate)
+    level = Noise(np.array([0, scale]), one, none, flat, reach, 1).significant(rate)
     wide = math.hypot(scale, reach) / CELL
     rng, passed, side = np.random.default_rng(5), 0, CELLS + 2 * MARGIN
     for _ in range(6):
