@@ -86,6 +86,9 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     if measured is None:
         return None
     values, outline = measured
+    # The patch's own shape, by the depth that it has.
+    high = float(values[0])
+    radius, half = _radius(patch, outline, at, high), find_outline(patch, at, high, 0.5, region)
     # Of what the rim cuts, the skin is known on one side: as in a hole that is twice as wide.
     cut = is_cut(patch, outline)
     wide = (1 + cut) * outline.width
@@ -110,7 +113,6 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         Estimate(float(value), float(each)) for value, each in zip(values, spread, strict=True)
     )
     turned = math.hypot(angle.uncertainty, BETWEEN)
-    half = find_outline(patch, at, depth.value, 0.5, region)
     return Sizes(
         outline,
         Estimate(angle.value, min(turned, math.pi / math.sqrt(12))),
@@ -119,7 +121,7 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         width,
         area,
         volume,
-        _radius(patch, outline, at, depth.value),
+        radius,
         math.inf if half is None else half.length[0] / max(half.width, 1e-12),
         cut,
         float(patch.over[outline.inside].mean()),
