@@ -10,11 +10,9 @@ import numpy as np
 
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, Lattice
-from ftp_dent_ros.inspection.measuring.noise import Mask, smoothed
+from ftp_dent_ros.inspection.measuring.noise import RATE, Mask, smoothed
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-#: Places a square metre that noise alone lists.
-RATE = 0.05
 #: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
 TENTH = 2 * math.sqrt(2 * math.log(10))
 
@@ -60,7 +58,7 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
     base = np.full(known.shape, np.inf)
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(TENTH * scale)
-        spread = np.hypot(skin.noise.after(scale), np.float32(wavy))
+        spread = np.hypot(skin.noise.tested(scale), np.float32(wavy))
         unsure = spread
         if gaps.any():
             smooth = smoothed(bridged, known | gaps, lattice.cells(scale))

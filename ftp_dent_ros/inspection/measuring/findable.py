@@ -10,10 +10,10 @@ from scipy import stats
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved
 from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.detection import RATE, TENTH
+from ftp_dent_ros.inspection.measuring.detection import TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
 from ftp_dent_ros.inspection.measuring.lattice import LEAST, Lattice
-from ftp_dent_ros.inspection.measuring.noise import Map
+from ftp_dent_ros.inspection.measuring.noise import RATE, Map
 from ftp_dent_ros.inspection.measuring.patch import DOUBT
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
@@ -51,7 +51,7 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
     wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(width)
     significant, places = skin.noise.significant(RATE), []
     for scale in skin.noise.scales[1:]:
-        spread = np.hypot(skin.noise.after(scale), wavy)
+        spread = np.hypot(skin.noise.tested(scale), wavy)
         seen = np.maximum((significant + _SURELY) * spread, LEAST * settings.smallest_depth)
         places.append(seen / left(OF_WAVES, scale**2))
     once, twice, restored = (left(OF_WAVES * order) for order in (1, 2, 3))

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from ftp_dent_ros.cloud.response import OF_NOISE, left_out, white_noise
 from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
+#: Places a square metre that noise alone lists.
+RATE = 0.05
 #: Standard deviations that one place does not stray by chance: it does in one of two million.
 SURE = 5.0
 # Below this no cloud is trusted, metres.
@@ -43,6 +46,9 @@ class Noise:
         Standard deviation of the cloud's windows, metres.
     fits : int
         In them, each of which corrects the ones before.
+    freedom : ndarray, shape (n,)
+        Degrees of freedom of Student's t, as which noise is distributed whose strength scatters
+        from place to place, as on dirty skin.
     """
 
     scales: NDArray[np.float64]
@@ -51,6 +57,14 @@ class Noise:
     stated: Map
     window: float
     fits: int
+    freedom: NDArray[np.float64]
+
+    def tested(self, scale: float) -> NDArray:
+        """`after`, as of the normal noise that passes `RATE` as rarely, of each cell, metres."""
+        level, freedom = self.significant(RATE), np.interp(scale, self.scales, self.freedom)
+        # Of the variance 1.
+        rare = stats.t.isf(stats.norm.sf(level), freedom, scale=math.sqrt(1 - 2 / freedom))
+        return self.after(scale) * np.float32(rare / level)
 
     def after(self, scale: float, stated: NDArray | float | None = None) -> NDArray:
         """Standard deviation after a Gaussian of `scale` metres, of each cell, metres.
@@ -156,6 +170,7 @@ def measured_noise(
     stated = np.zeros_like(deviation) if lattice.sigma is None else lattice.sigma
     usual = median_of(stated[sample])
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
+    cells = _some(sample)
     window, fits = lattice.windows(sample, OF_NOISE)
     cell = max(lattice.spacing) / math.sqrt(12)
     found = []
@@ -165,10 +180,25 @@ def measured_noise(
         if lattice.sigma is not None:
             ratio = max(white, _strayed(smooth / stated, rough))
         alike = _strayed(smooth, calm) ** 2 - (ratio * median(stated.ravel()[calm])) ** 2
-        found.append((ratio if scale else ratio / white, math.sqrt(max(alike, _LEAST**2))))
-    ratios, common = np.array(found).T
+        alike = math.sqrt(max(alike, _LEAST**2))
+        strayed = smooth / np.hypot(alike, ratio * stated)
+        found.append((ratio if scale else ratio / white, alike, _freedom(_known(strayed, cells))))
+    ratios, common, freedom = np.array(found).T
     falling = np.minimum.accumulate(common)
-    return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits)
+    return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits, freedom)
+
+
+def _freedom(strayed: Map) -> float:
+    """Degrees of freedom of Student's t by the kurtosis, on the side that has less of it.
+
+    Dents stray to one side, noise to both.
+    """
+    # One more to each side: there may be none.
+    strayed = np.append(strayed, (-1, 1))
+    square = np.square(np.maximum([strayed, -strayed], 0))
+    count = np.count_nonzero(square, axis=1)
+    kurtosis = count * np.square(square).sum(axis=1) / np.square(square.sum(axis=1))
+    return float(4 + 6 / max(kurtosis.min() - 3, 1e-3))
 
 
 def _some(mask: Mask) -> NDArray[np.intp]:
@@ -178,9 +208,14 @@ def _some(mask: Mask) -> NDArray[np.intp]:
 
 def _strayed(values: Map, cells: NDArray[np.intp]) -> float:
     """Standard deviation of some cells by their median; least without any."""
-    size = np.abs(values.ravel()[cells])
-    size = size[np.isfinite(size)]
-    return NORMAL_SPREAD * median(size) if len(size) else _LEAST
+    known = _known(values, cells)
+    return NORMAL_SPREAD * median(np.abs(known)) if len(known) else _LEAST
+
+
+def _known(values: Map, cells: NDArray[np.intp]) -> Map:
+    """Values of some cells, of those that are known."""
+    some = values.ravel()[cells]
+    return some[np.isfinite(some)]
 
 
 def _left(scale: float, fits: int) -> float:
