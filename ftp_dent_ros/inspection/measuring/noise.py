@@ -169,8 +169,8 @@ def measured_noise(
         sample = np.isfinite(deviation)
     stated = np.zeros_like(deviation) if lattice.sigma is None else lattice.sigma
     usual = median_of(stated[sample])
+    every = np.flatnonzero(sample)
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
-    cells = _some(sample)
     window, fits = lattice.windows(sample, OF_NOISE)
     cell = max(lattice.spacing) / math.sqrt(12)
     found = []
@@ -182,7 +182,7 @@ def measured_noise(
         alike = _strayed(smooth, calm) ** 2 - (ratio * median(stated.ravel()[calm])) ** 2
         alike = math.sqrt(max(alike, _LEAST**2))
         strayed = smooth / np.hypot(alike, ratio * stated)
-        found.append((ratio if scale else ratio / white, alike, _freedom(_known(strayed, cells))))
+        found.append((ratio if scale else ratio / white, alike, _freedom(_known(strayed, every))))
     ratios, common, freedom = np.array(found).T
     falling = np.minimum.accumulate(common)
     return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits, freedom)
