@@ -109,6 +109,14 @@ def test_on_both_sides_of_a_lap_there_are_points(fringes, across):
     assert (measured.cloud.valid & lit).sum() > 0.8 * lit.sum()
 
 
+def test_the_stripe_divides_two_panels_whose_phases_meet_in_a_whole_fringe():
+    extents = (-0.15, 0.15, -0.15, 0.0), (-0.15, 0.15, 0.0, 0.15)
+    scene = Scene.of(*map(sheet, extents, (DEPTH, DEPTH + FRINGE)))
+    cloud, lit = measure(scene, PATTERN).cloud, scene.lit()
+    assert wrong(scene, cloud) == 0
+    assert (cloud.valid & lit).sum() > 0.85 * lit.sum()
+
+
 @pytest.mark.parametrize('turn, fringes', [(0.5, 5), (0.8, 3)])
 def test_beside_a_foreground_no_point_is_of_what_is_not_there(turn, fringes):
     pose = Pose.from_rpy((0.02, -0.03, turn), (0, 0, DEPTH - fringes * FRINGE))
