@@ -112,9 +112,10 @@ class _Cells:
         noise = variance[:, _CELLS:] + variance[:, :-_CELLS]
         step = np.where(np.isfinite(noise), _steps(mean / np.maximum(total, 1e-12)), 0)
         level = np.divide(level, count, where=count > 0, out=np.full(shape, np.nan))
-        return cls(*(x.astype(np.float32) for x in (step, noise, level)), first, block, cell)
+        step, noise, level = (x.astype(np.float32) for x in (step, noise, level))
+        return cls(step, noise, level, first, block, cell)
 
-    def rows(self, rows: slice | NDArray[np.bool_]) -> _Cells:
+    def rows(self, rows: Any) -> _Cells:
         """Some rows of the cells."""
         return replace(self, step=self.step[rows], noise=self.noise[rows], level=self.level[rows])
 
@@ -264,7 +265,7 @@ class OrderLikelihood:
         words = np.array([_of_words(e) for e in each - each[own]])
         local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
         while words.max(initial=0) > math.log(_ODDS):
-            order, row, cell = np.unravel_index(words.argmax(), words.shape)
+            order, row, cell = map(int, np.unravel_index(words.argmax(), words.shape))
             of_own, more = self._likelihood(cells, orders[[own, order]], *pair)
             # A step belongs between its two cells.
             more = np.pad(more - of_own, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
