@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.special import logsumexp
 
@@ -434,7 +434,7 @@ def _minimum_cut(
     start = np.concatenate([one, other, source, nodes])
     end = np.concatenate([other, one, nodes, sink])
     whole = np.rint(capacity * _PER_NAT).astype(np.int32)
-    graph = csr_array((whole, (start, end)), shape=(count + 2, count + 2))
+    graph = csr_matrix((whole, (start, end)), shape=(count + 2, count + 2))
     graph.eliminate_zeros()
     left = graph - maximum_flow(graph, count, count + 1).flow
     left.data[left.data < 0] = 0
