@@ -120,10 +120,15 @@ class _Cells:
         return replace(self, step=self.step[rows], noise=self.noise[rows], level=self.level[rows])
 
     def within(self, part: NDArray[np.bool_]) -> _Cells:
-        """The rows of a part, with the steps between its own cells."""
+        """The rows and fringes of a part, with the steps between its own cells."""
         between = part[:, _CELLS:] & part[:, :-_CELLS]
         noise = np.where(between, self.noise, np.float32(np.inf))
-        return replace(self, noise=noise).rows(part.any(axis=1))
+        cells = np.flatnonzero(part.any(axis=0))
+        low = cells[0] // _CELLS
+        columns = np.s_[:, low * _CELLS : max(cells[-1] + 1, (low + 2) * _CELLS)]
+        step, noise, level = (each[columns] for each in (self.step, noise, self.level))
+        some = replace(self, step=step, noise=noise, level=level, first=self.first + low)
+        return some.rows(part.any(axis=1))
 
 
 class OrderLikelihood:
@@ -264,12 +269,22 @@ class OrderLikelihood:
         each = self._likelihood(few, orders, *pair)
         words = np.array([_of_words(e) for e in each - each[own]])
         local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
+        # Likelier than all others together, too: of many orders some are ahead by chance.
+        row, cell = np.nonzero(words.max(axis=0) > math.log(_ODDS))
+        shown = words[:, row, cell]
+        chance = logsumexp(shown, axis=0) - shown.max(axis=0) > math.log(2)
+        words[:, row[chance], cell[chance]] = 0
         while words.max(initial=0) > math.log(_ODDS):
             order, row, cell = map(int, np.unravel_index(words.argmax(), words.shape))
             of_own, more = self._likelihood(cells, orders[[own, order]], *pair)
             # A step belongs between its two cells.
             more = np.pad(more - of_own, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
             part, edge = _minimum_cut(more - lead, cells.level)
+            # What is not joined to the word is another part.
+            _, label = cv2.connectedComponents(part.view(np.uint8), connectivity=4)
+            top, left = max(_FEW * row - WORD // 2, 0), max(cell - WORD, 0)
+            word = label[top : top + WORD, left : left + 2 * WORD]
+            part &= np.isin(label, word[word > 0])
             if part.any():
                 total, without = _totals(*self._by_row(cells.within(part), orders))
                 if _odds(total, order, without) > math.log(_ODDS):
