@@ -267,24 +267,15 @@ class OrderLikelihood:
         own = np.flatnonzero(orders == best)[0]
         few = cells.rows(slice(None, None, _FEW))
         each = self._likelihood(few, orders, *pair)
-        words = np.array([_of_words(e) for e in each - each[own]])
+        words = _shown(np.array([_of_words(e) for e in each - each[own]]))
         local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
-        # Likelier than all others together, too: of many orders some are ahead by chance.
-        row, cell = np.nonzero(words.max(axis=0) > math.log(_ODDS))
-        shown = words[:, row, cell]
-        chance = logsumexp(shown, axis=0) - shown.max(axis=0) > math.log(2)
-        words[:, row[chance], cell[chance]] = 0
         while words.max(initial=0) > math.log(_ODDS):
             order, row, cell = map(int, np.unravel_index(words.argmax(), words.shape))
             of_own, more = self._likelihood(cells, orders[[own, order]], *pair)
             # A step belongs between its two cells.
             more = np.pad(more - of_own, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
             part, edge = _minimum_cut(more - lead, cells.level)
-            # What is not joined to the word is another part.
-            _, label = cv2.connectedComponents(part.view(np.uint8), connectivity=4)
-            top, left = max(_FEW * row - WORD // 2, 0), max(cell - WORD, 0)
-            word = label[top : top + WORD, left : left + 2 * WORD]
-            part &= np.isin(label, word[word > 0])
+            part = _joined(part, row, cell)
             if part.any():
                 total, without = _totals(*self._by_row(cells.within(part), orders))
                 if _odds(total, order, without) > math.log(_ODDS):
@@ -419,6 +410,27 @@ def _of_words(each: NDArray[np.float32]) -> Any:
     """Sums over the words in whose middle each is, of steps in one of so many rows."""
     words: Any = cv2.blur(each, _WORD_OF_FEW.shape[::-1], borderType=cv2.BORDER_CONSTANT)
     return _FEW * _WORD_OF_FEW.size * words
+
+
+def _shown(words: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Words where an order is ahead at the odds, and likelier than all others together; else 0.
+
+    Of many orders some are ahead by chance.
+    """
+    rows, cells = np.nonzero(words.max(axis=0) > math.log(_ODDS))
+    ahead = words[:, rows, cells]
+    alone = ahead.max(axis=0) > logsumexp(ahead, axis=0) - math.log(2)
+    shown = np.zeros_like(words)
+    shown[:, rows[alone], cells[alone]] = ahead[:, alone]
+    return shown
+
+
+def _joined(part: NDArray[np.bool_], row: int, cell: int) -> NDArray[np.bool_]:
+    """What of a part is joined to the word about a place: the rest is another part."""
+    label: Any = cv2.connectedComponents(part.view(np.uint8), connectivity=4)[1]
+    top, left = max(_FEW * row - WORD // 2, 0), max(cell + _CELLS // 2 - WORD * _CELLS // 2, 0)
+    word = label[top : top + WORD, left : left + WORD * _CELLS]
+    return np.isin(label, word[word > 0])
 
 
 def _minimum_cut(
