@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fields import Fields, Positive, Triple
@@ -118,7 +118,7 @@ def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
             'another point, far off that line'
         )
     freedom = 3 * len(points) - 6
-    if misfit > chi2.isf(_REFUSED, freedom):
+    if misfit > chdtri(freedom, _REFUSED):
         raise ConfigurationError(_contradiction(points, frame))
     return frame
 
@@ -130,7 +130,7 @@ def _contradiction(points: Sequence[ReferencePoint], frame: AircraftFrame) -> st
     )
     fits = [(_fitted([each for each in points if each is not left]), left) for left in points]
     # Of three points that are left, and of no two.
-    most = chi2.isf(_REFUSED, 3 * len(points) - 9)
+    most = chdtri(3 * len(points) - 9, _REFUSED)
     right = [(without, left) for (without, misfit), left in fits if misfit <= most]
     if len(right) == 1:
         ((without, point),) = right
