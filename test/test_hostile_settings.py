@@ -47,7 +47,7 @@ def places(data, where=()):
 
 
 def once(data):
-    """The same with one entry of each kind in a list: those with the same fields are read alike."""
+    """The same with one entry of each kind in a list: what has the same fields is read alike."""
     if isinstance(data, dict):
         return {key: once(value) for key, value in data.items()}
     if isinstance(data, list) and all(isinstance(each, dict) for each in data):

@@ -25,8 +25,6 @@ from ftp_dent_ros.rigid import Array, about
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.yaml_file import read_yaml
 
-# Points that tell a frame.
-_NEEDED = 3
 # Chance that right points are refused as contradicting each other.
 _REFUSED = 1e-3
 
@@ -102,9 +100,9 @@ def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
         There are fewer than three points, they lie on a line, or they contradict each other; the
         message names the one that does, where four or more tell.
     """
-    if len(points) < _NEEDED:
+    if len(points) < 3:
         raise ConfigurationError(
-            f'{len(points)} reference points do not give a frame: name {_NEEDED} or more'
+            f'{len(points)} reference points do not give a frame: name 3 or more'
         )
     frame, misfit = _fitted(points)
     turns = np.sqrt(np.linalg.eigvalsh(frame.covariance[3:, 3:]))
@@ -117,8 +115,7 @@ def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
             f'still turn by {math.degrees(turns[-1]):.1f} degrees (standard deviation): name '
             'another point, far off that line'
         )
-    freedom = 3 * len(points) - 6
-    if misfit > chdtri(freedom, _REFUSED):
+    if misfit > chdtri(3 * len(points) - 6, _REFUSED):
         raise ConfigurationError(_contradiction(points, frame))
     return frame
 

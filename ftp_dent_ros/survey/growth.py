@@ -77,8 +77,10 @@ def changes_of(
         )
         given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 3))
         factors[quantity], found[quantity] = _changes(chance, before, after, given, usable)
-    numbers = range(len(earlier))
-    return [{q: each[k] for q, each in found.items() if k in each} for k in numbers], factors
+    return [
+        {quantity: each[k] for quantity, each in found.items() if k in each}
+        for k in range(len(earlier))
+    ], factors
 
 
 def _changes(
