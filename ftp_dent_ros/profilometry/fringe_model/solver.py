@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import fdtri
 
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, moved
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
@@ -73,7 +73,7 @@ class Solver:
         along_u, along_v = (max(1, round(ASIDE * each)) for each in grid.fringe)
         self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
         freedom = grid.bins_in_window
-        self._across = np.float32(stats.f.isf(_SIGNIFICANCE, freedom, freedom))
+        self._across = np.float32(fdtri(freedom, freedom, 1 - _SIGNIFICANCE))
         self._box = np.ones(grid.half_fringe[::-1], np.uint8)
 
     def solve(
