@@ -158,7 +158,8 @@ class FringeModel:
         strip = grid.part(rows, near)
         coded, usable, phase = (each[bins] for each in (light.coded, usable, phase))
         shown, across = shown[rows, near], grid.across[bins[1]]
-        thirds = np.array_split(columns, int(np.clip(strip.width / (WORD * grid.period), 1, 3)))
+        words = int(strip.width / (WORD * grid.period))
+        thirds = np.array_split(columns, max(1, min(3, words, len(columns))))
 
         def left(waveform: Waveform) -> NDArray[np.floating]:
             rest = Windows(strip, *waveform.at(phase, across), usable).fit(coded).rest
