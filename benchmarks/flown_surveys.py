@@ -49,7 +49,7 @@ from ftp_dent_ros.survey.information import RelativePose
 from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.patch import patch_of
-from ftp_dent_ros.survey.pose_graph import Node, PoseGraph
+from ftp_dent_ros.survey.pose_graph import Node, PairLink, PoseGraph
 from ftp_dent_ros.survey.surveying import survey_bags
 
 HALF_S = 500_000_000
@@ -333,7 +333,7 @@ def stated_places(_: Path) -> Iterator[Row]:
                 for pose in said:
                     add_tied(graph, rng, poses, pose)
                 graph.settle()
-                covariances = graph.covariances(only=[0, count // 2, count - 1])
+                covariances = graph.covariances()[[0, count // 2, count - 1]]
                 for which, covariance in zip((0, count // 2, count - 1), covariances, strict=True):
                     error = difference(graph.poses[which], poses[which])
                     ratios.append(math.sqrt(error @ np.linalg.solve(covariance, error) / 6))
@@ -362,7 +362,8 @@ def add_tied(graph: PoseGraph, rng: np.random.Generator, poses: list[Pose], said
         error = rng.normal(0, sigma)
         turn = Rotation.from_rotvec(error[3:])
         found = Pose(turn, error[:3] + centre - turn.apply(centre)) @ true
-        graph.link(other, number, RelativePose(found, centre, np.diag(1 / sigma**2), 6))
+        seen = RelativePose(found, centre, np.diag(1 / sigma**2), 6)
+        graph.links.append(PairLink(other, number, seen))
 
 
 def growing(_: Path) -> Iterator[Row]:

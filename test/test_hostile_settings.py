@@ -46,6 +46,15 @@ def places(data, where=()):
             yield from places(value, (*where, key))
 
 
+def once(data):
+    """The same with one entry of each kind in a list: what has the same fields is read alike."""
+    if isinstance(data, dict):
+        return {key: once(value) for key, value in data.items()}
+    if isinstance(data, list) and all(isinstance(each, dict) for each in data):
+        return list({tuple(each): once(each) for each in reversed(data)}.values())[::-1]
+    return data
+
+
 def read_programs(path):
     for entry in read_configuration(path):
         assert entry.program.command
@@ -57,13 +66,13 @@ def read_programs(path):
         ('rig.yaml', read_rig, 7),
         ('pattern.yaml', read_pattern, 1),
         ('example_rules.yaml', read_rules, 3),
-        ('scene.yaml', read_world, 23),
+        ('scene.yaml', read_world, 11),
         ('simulation.yaml', read_programs, 7),
     ],
 )
 @pytest.mark.filterwarnings('error::RuntimeWarning')
 def test_hostile_values_are_refused_or_read_and_never_break_anything(tmp_path, name, read, step):
-    data = yaml.safe_load((config_folder() / name).read_text())
+    data = once(yaml.safe_load((config_folder() / name).read_text()))
     hostile = yaml.safe_load(HOSTILE)
     path = Path(tmp_path, name)
     refused = 0

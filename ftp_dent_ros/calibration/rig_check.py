@@ -26,7 +26,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm, t
+from scipy.special import stdtrit
 
 from ftp_dent_ros.calibration.board import Board
 from ftp_dent_ros.calibration.board_in_fringes import (
@@ -168,7 +168,7 @@ def judged(
     # False alarms wanted, of all photographs of true rigs: either way about one of three axes.
     chance = 1e-4 / 2 / 3
     # A scale that few places tell needs Student's t: three turns and the response are theirs too.
-    sure = float(t.isf(chance, max(1, rim_points - 4)) if rim_points else norm.isf(chance))
+    sure = -float(stdtrit(max(1, rim_points - 4) if rim_points else np.inf, chance))
     if rig.record is not None and rig.record.covariance is not None:
         covariance = covariance + rig.record.covariance[18:21, 18:21]
     deviation = np.sqrt(np.diag(covariance))

@@ -15,7 +15,7 @@ from ftp_dent_ros.rig.rig import read_rig
 
 if TYPE_CHECKING:
     from ftp_dent_ros.recording.reader import Bag
-    from ftp_dent_ros.survey.surveying import Surveyed
+    from ftp_dent_ros.survey.writing import Surveyed
 
 # Lines of each that a terminal shows; survey.json has all.
 _REMARKS, _GAPS = 12, 6

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.fields import Fields, Positive, Triple
@@ -25,8 +25,6 @@ from ftp_dent_ros.rigid import Array, about
 from ftp_dent_ros.survey.result import SurveyResult
 from ftp_dent_ros.yaml_file import read_yaml
 
-# Points that tell a frame.
-_NEEDED = 3
 # Chance that right points are refused as contradicting each other.
 _REFUSED = 1e-3
 
@@ -102,9 +100,9 @@ def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
         There are fewer than three points, they lie on a line, or they contradict each other; the
         message names the one that does, where four or more tell.
     """
-    if len(points) < _NEEDED:
+    if len(points) < 3:
         raise ConfigurationError(
-            f'{len(points)} reference points do not give a frame: name {_NEEDED} or more'
+            f'{len(points)} reference points do not give a frame: name 3 or more'
         )
     frame, misfit = _fitted(points)
     turns = np.sqrt(np.linalg.eigvalsh(frame.covariance[3:, 3:]))
@@ -117,8 +115,7 @@ def aircraft_frame(points: Sequence[ReferencePoint]) -> AircraftFrame:
             f'still turn by {math.degrees(turns[-1]):.1f} degrees (standard deviation): name '
             'another point, far off that line'
         )
-    freedom = 3 * len(points) - 6
-    if misfit > chi2.isf(_REFUSED, freedom):
+    if misfit > chdtri(3 * len(points) - 6, _REFUSED):
         raise ConfigurationError(_contradiction(points, frame))
     return frame
 
@@ -130,7 +127,7 @@ def _contradiction(points: Sequence[ReferencePoint], frame: AircraftFrame) -> st
     )
     fits = [(_fitted([each for each in points if each is not left]), left) for left in points]
     # Of three points that are left, and of no two.
-    most = chi2.isf(_REFUSED, 3 * len(points) - 9)
+    most = chdtri(3 * len(points) - 9, _REFUSED)
     right = [(without, left) for (without, misfit), left in fits if misfit <= most]
     if len(right) == 1:
         ((without, point),) = right

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent
 from ftp_dent_ros.rigid import Array
@@ -77,8 +77,10 @@ def changes_of(
         )
         given = np.reshape(deeper if quantity == 'depth' else unknown, (-1, 3))
         factors[quantity], found[quantity] = _changes(chance, before, after, given, usable)
-    numbers = range(len(earlier))
-    return [{q: each[k] for q, each in found.items() if k in each} for k in numbers], factors
+    return [
+        {quantity: each[k] for quantity, each in found.items() if k in each}
+        for k in range(len(earlier))
+    ], factors
 
 
 def _changes(
@@ -95,13 +97,13 @@ def _changes(
     factor, noise, most = _common_factor(before[known], after[known], stated[known])
     change, freedom = after / factor.value - before, np.minimum(freedom, most)
     uncertainty = np.hypot(noise * stated, before * factor.uncertainty)
-    chances = 2 * student.sf(np.abs(change) / uncertainty, freedom)
+    chances = 2 * stdtr(freedom, -np.abs(change) / uncertainty)
     # Of what is not known, none.
     is_certain = chances <= false_alarm / max(usable.sum(), 1)
     # A growth is as uncertain as its dent's depth is, too: windows take of both alike.
     scale = np.where(by_skin, change * earlier[:, 1] / before, 0.0)
     uncertainty = np.hypot(uncertainty, scale)
-    half = student.ppf(0.975, freedom) * uncertainty
+    half = stdtrit(freedom, 0.975) * uncertainty
     return factor, {
         k: Change(
             Estimate(float(change[k]), float(uncertainty[k])),

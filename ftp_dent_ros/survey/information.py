@@ -61,7 +61,6 @@ def pair_information(
     # believed.
     sure = (values > 0) & (values > 5.0 * chance)
     kept = directions[:, sure]
-    ways = [_strips(found.place[:, axis]) for axis in (0, 1)]
     own, other = own[:, sure], other[:, sure]
     weighted = found.weight[:, None] * own
     pull = (own + other) / 2 * (found.weight * found.residual)[:, None]
@@ -72,7 +71,7 @@ def pair_information(
     # What no pair is better known than, metres: points are rounded to single precision. And what
     # stands for nothing, beside what all strips tell.
     covariance = np.outer(moved, moved) + 1e-7**2 * np.eye(len(moved))
-    for strips in ways:
+    for strips in (_strips(along) for along in found.place[:, :2].T):
         members = [strips == number for number in range(strips.max() + 1)]
         products = np.array([weighted[each].T @ other[each] for each in members])
         part = (products + np.swapaxes(products, 1, 2)) / 2

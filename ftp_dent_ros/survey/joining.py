@@ -75,7 +75,7 @@ class Joining:
         pose : Pose, optional
             Of the camera, as the autopilot says.
         covariance : ndarray, shape (6, 6), optional
-            Of that pose.
+            Of that pose; only with one.
         flight : int
             Number of the flight: the autopilot's errors of two are not alike.
 
@@ -95,8 +95,7 @@ class Joining:
             move = guess @ self.graph.pose(-1).inverse()
             for before in range(number):
                 self.graph.put(before, move @ self.graph.pose(before))
-        spread = None if pose is None else covariance
-        self.graph.add(Node(pose, spread, stamp_ns / 1e9, flight), guess)
+        self.graph.add(Node(pose, covariance, stamp_ns / 1e9, flight), guess)
         self.numbers[stamp_ns] = number
         self.footprints.append(footprint)
         self._kept[number] = lambda: patch
@@ -174,7 +173,7 @@ class Joining:
         for first in reversed(before):
             relative = self._laid(first, number)
             if relative is not None:
-                self.graph.link(first, number, relative)
+                self.graph.links.append(PairLink(first, number, relative))
                 # A guess for the others that is nearly right.
                 if number - first == 1 and relative.rank == 6:
                     self.graph.put(number, self.graph.pose(first) @ relative.pose)
@@ -226,7 +225,7 @@ class Joining:
         # Where marks do not tell how far another pass is slid along this one, the autopilot alone
         # does. Pairs share its error, and many would be too sure of it.
         if relative.rank == 6:
-            self.graph.link(nearest, number, relative)
+            self.graph.links.append(PairLink(nearest, number, relative))
 
     def _search(self, number: int) -> None:
         """Look for the skin of a cloud in other flights, as far off as their poses state.
@@ -259,7 +258,7 @@ class Joining:
             chance = (REACH / reach) ** 2
             same = agreeing(motions, self._middles(pieces.tolist()), pieces[:, None], chance)
             if len(found) - 1 in same:
-                graph.link(other, number, relative)
+                graph.links.append(found[-1])
 
     def _middles(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Middles of some clouds in the map, shape (n, 3)."""

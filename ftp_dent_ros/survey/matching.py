@@ -70,7 +70,7 @@ class DentMatching:
         return self.motion.inverse().apply(places - shift)
 
     def spread(self, place: Array) -> float:
-        """Standard deviation of a place of the earlier survey in the later one."""
+        """Standard deviation of a place of the later survey in the earlier one."""
         return float(self.in_earlier(place[None])[1][0])
 
     def near(self, place: Array) -> Pose:

@@ -51,7 +51,7 @@ class Node:
 
 @dataclass(eq=False)
 class PairLink:
-    """A relative pose between two clouds, the second's seen from the first.
+    """A relative pose between two clouds, the second's, which is newer, seen from the first.
 
     And the square of its error, in variances a direction, as poses were last found.
     """
@@ -172,10 +172,6 @@ class PoseGraph:
         """Move one pose."""
         self.turns[number], self.places[number] = pose.rotation.as_matrix(), pose.translation
 
-    def link(self, first: int, second: int, relative: RelativePose) -> None:
-        """Another relative pose; the second cloud is the newer one."""
-        self.links.append(PairLink(first, second, relative))
-
     @property
     def left_out(self) -> set[int]:
         """Numbers of the links that contradict the others."""
@@ -234,9 +230,7 @@ class PoseGraph:
         for link, misfit in zip(terms.links, misfits.tolist(), strict=True):
             link.misfit = misfit
 
-    def covariances(
-        self, anchor: int | None = None, only: Sequence[int] | None = None
-    ) -> NDArray[np.float64]:
+    def covariances(self, anchor: int | None = None) -> NDArray[np.float64]:
         """Covariance of every pose, shape (n, 6, 6), as in geometry_msgs/PoseWithCovariance.
 
         What all clouds have in common is no unknown of the solution, so poses err by all that it
@@ -248,8 +242,6 @@ class PoseGraph:
         anchor : int, optional
             The pose that the others are seen from; the map by default, or, where nothing says
             where that lies, the first one.
-        only : sequence of int, optional
-            Numbers of the poses that are asked for; all by default.
         """
         terms, blocks = Terms(self), []
         jacobian, weighted = terms.weighted(*terms.start, terms.errors(*terms.start), 1.0)
@@ -257,7 +249,7 @@ class PoseGraph:
         bent = solver.solve(weighted @ terms.common.reshape(-1, 6))
         if anchor is None and not self.placed:
             anchor = 0
-        for number in range(len(self.nodes)) if only is None else only:
+        for number in range(len(self.nodes)):
             # How what a pose errs by changes with all that is not known.
             change = np.eye(6, len(bent), 6 * number)
             if anchor is not None:
@@ -409,19 +401,14 @@ class Terms:
         return jacobian, jacobian.T @ weights.tocsr()
 
 
-Stated = tuple[list[tuple[int, Array]], Array]
-
-
-def _stated(graph: PoseGraph) -> list[Stated]:
+def _stated(graph: PoseGraph) -> list[tuple[list[tuple[int, Array]], Array]]:
     """What the autopilot says: sums of shares of poses' errors, and the covariance of each.
 
     The error of a pose less what is left of the one before and of its flight's constant; those of
     the constants themselves; and where one is known by itself, that.
     """
     nodes, flights, whole = graph.nodes, graph.placed, np.ones(6)
-    stated: list[Stated] = [
-        ([(k, whole)], _UNTOLD) for k, node in enumerate(nodes) if node.covariance is None
-    ]
+    stated = [([(k, whole)], _UNTOLD) for k, node in enumerate(nodes) if node.covariance is None]
     constants = {flight: len(nodes) + k for k, flight in enumerate(graph.drifts)}
     for flight, placed in flights.items():
         spreads, times = _stated_of([nodes[k] for k in placed])

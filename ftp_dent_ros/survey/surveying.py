@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,26 +30,10 @@ from ftp_dent_ros.survey.fusion import PIXEL, Fusion
 from ftp_dent_ros.survey.joining import UNPLACED, Joining
 from ftp_dent_ros.survey.mosaic import Mosaic
 from ftp_dent_ros.survey.result import DentRelief, SurveyedDent, SurveyResult
-from ftp_dent_ros.survey.writing import skin_of
+from ftp_dent_ros.survey.writing import Surveyed, skin_of
 
 # Of a pose that says nothing of its accuracy: metres, radians; more than the dent list takes.
 _UNKNOWN = np.diag([0.03**2] * 3 + [0.015**2] * 3)
-
-
-@dataclass(frozen=True, eq=False)
-class Surveyed:
-    """A survey with its picture.
-
-    Attributes
-    ----------
-    result : SurveyResult
-    mosaic : Mosaic
-    joined : Joining
-    """
-
-    result: SurveyResult
-    mosaic: Mosaic
-    joined: Joining
 
 
 def survey_bags(

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import poisson
+from scipy.special import gammainc
 
 from ftp_dent_ros.pose import Pose
 
@@ -46,7 +46,7 @@ def agreeing(
     counts = [len(np.unique(pieces[each])) - pieces.shape[1] for each in alike]
     best = int(np.argmax(counts))
     expected = chance * len(np.unique(pieces))
-    # Chance that two maps of other skins are laid on each other.
-    if len(motions) * poisson.sf(counts[best] - 1, expected) > 1e-3:
+    # Chance that two maps of other skins are laid on each other: so many or more, by Poisson.
+    if len(motions) * gammainc(max(counts[best], 0), expected) > 1e-3:
         return np.zeros(0, np.intp)
     return np.array([best, *np.setdiff1d(np.flatnonzero(alike[best]), best)])

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,15 +21,29 @@ from ftp_dent_ros.pages import drawing
 from ftp_dent_ros.pages.page import render
 from ftp_dent_ros.pages.words import date_of, finite, interval, position_interval
 from ftp_dent_ros.survey.aircraft_frame import AircraftFrame
+from ftp_dent_ros.survey.joining import Joining
 from ftp_dent_ros.survey.mosaic import PIXEL, Mosaic, by_pixel
-from ftp_dent_ros.survey.result import SurveyedDent
+from ftp_dent_ros.survey.result import SurveyedDent, SurveyResult
 from ftp_dent_ros.survey.unrolled import CELL, Gap
-
-if TYPE_CHECKING:
-    from ftp_dent_ros.survey.surveying import Surveyed
 
 # Depth that the picture of the deviation shows at its ends, metres.
 _DEEPEST = 0.5e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Surveyed:
+    """A survey with its picture.
+
+    Attributes
+    ----------
+    result : SurveyResult
+    mosaic : Mosaic
+    joined : Joining
+    """
+
+    result: SurveyResult
+    mosaic: Mosaic
+    joined: Joining
 
 
 def write_survey(folder: Path, survey: Surveyed, frame: AircraftFrame | None = None) -> list[Path]:

@@ -60,7 +60,13 @@ def test_a_good_rig_holds(rig, pattern, seen):
 
 
 @pytest.mark.parametrize(
-    ('degrees', 'axis'), [((0, 0.05, 0), 1), ((0, 0, -0.05), 2), ((0, 0.2, 0), 1)]
+    ('seen', 'degrees', 'axis'),
+    [
+        ('chessboard', (0, 0.05, 0), 1),
+        ('chessboard', (0, 0, -0.05), 2),
+        ('ChArUco', (0, 0.2, 0), 1),
+    ],
+    indirect=['seen'],
 )
 def test_a_turned_projector_is_found_in_pixels_and_millimetres(rig, pattern, seen, degrees, axis):
     """Also by more than half a fringe, which is 0.15 degrees."""
@@ -112,14 +118,12 @@ def test_another_board_or_lens_is_told_from_a_turn(rig, pattern, photograph):
             check_by_board(rig, told, BOARD, photograph)
 
 
-def test_the_command_checks_by_a_board(rig, seen, tmp_path, capsys):
+def test_the_command_checks_by_a_board(rig, marked, tmp_path, capsys):
     image, bad, new = tmp_path / 'board.png', tmp_path / 'bad.yaml', tmp_path / 'new.yaml'
-    board, photograph = seen
-    cv2.imwrite(str(image), photograph[..., ::-1])
+    cv2.imwrite(str(image), marked[..., ::-1])
     write_rig(bad, turned(rig, np.radians([0, 0.06, 0])))
     command = ['calibrate', 'check', str(image), *OPTIONS]
-    if board.dictionary:
-        command += ['--charuco', board.dictionary, '--marker', '18']
+    command += ['--charuco', charuco().dictionary, '--marker', '18']
     assert main([*command, '--rig', str(bad), '--adjust', str(new)]) == 1
     assert 'the projector has turned, yaw -0.0' in capsys.readouterr().out
     assert main([*command, '--rig', str(new)]) == 0

@@ -53,7 +53,7 @@ def rig():
 @pytest.fixture(scope='module')
 def poses(rig):
     rng = np.random.default_rng(5)
-    return [random_pose(BOARD, rig, 0.7, rng) for _ in range(6)]
+    return [random_pose(BOARD, rig, 0.7, rng) for _ in range(4)]
 
 
 @pytest.fixture(scope='module')

@@ -31,7 +31,7 @@ from ftp_dent_ros.ros.qos import CLOUDS, LATCHED_INPUT
 from ftp_dent_ros.simulation import Panel, Photometry, Surface, render
 
 BOARD = Board(7, 6, 0.03)
-POSES = 4
+POSES = 3
 LIGHT = {
     'reference_distance': 0.75,
     'exposure': 0.85,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -76,6 +76,11 @@ class BinGrid:
     def fringe(self) -> tuple[float, float]:
         """Bins a fringe is wide, along u and v."""
         return self.period / self.step, self.period / self.rows
+
+    def part(self, rows: slice, nodes: slice) -> BinGrid:
+        """Grid of some rows and nodes of this one."""
+        width = (nodes.stop - nodes.start) * self.node * self.step
+        return replace(self, width=width, height=(rows.stop - rows.start) * self.rows)
 
     def bin_positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixel columns and rows of the bins' centres."""

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtri
 
 from ftp_dent_ros.cloud.response import OF_NOISE, left_out, squares, white_noise
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
@@ -24,7 +24,7 @@ _OCTAVES = 5
 # Windows that an energy is the mean of, about.
 _COUNT = 7
 # Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand.
-_SHOWN = np.float32(stats.chi2.isf(1e-3, _COUNT) / _COUNT)
+_SHOWN = np.float32(chdtri(_COUNT, 1e-3) / _COUNT)
 # Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
 _OF_DIRT = 2.0
 # Widths of windows over which noise is a mean: 9 windows count. Energy is the mean over one.

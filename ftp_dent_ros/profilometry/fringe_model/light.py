@@ -73,6 +73,13 @@ class Light:
         """Light that has all fringes: red if there is a red stripe, else grey."""
         return self.colours[0] if self.has_stripe else self.grey
 
+    @property
+    def coded(self) -> NDArray[np.float32]:
+        """Light that the code changes: green and blue if there is a red stripe, else grey."""
+        if not self.has_stripe:
+            return self.grey
+        return self.grey - np.float32(self.shares[0]) * self.colours[0]
+
     @cached_property
     def grey(self) -> NDArray[np.float32]:
         """The colours by their shares."""

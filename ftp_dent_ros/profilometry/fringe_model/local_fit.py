@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -74,7 +73,8 @@ class LocalFit:
     @property
     def swing(self) -> NDArray[np.float32]:
         """Amplitude of the fringes, whatever their shift."""
-        swing: Any = cv2.magnitude(self.slope, self.amplitude)
+        # OpenCV's magnitude depends on where in memory the arrays are.
+        swing: NDArray[np.float32] = np.sqrt(np.square(self.slope) + np.square(self.amplitude))
         return swing
 
 

@@ -57,7 +57,9 @@ class FringeModel:
         self.grid = BinGrid.of(rig.camera.width, rig.camera.height, period)
         self._geometry = GridGeometry.of(rig, pattern, self.grid)
         self._planes = [Plane.of(self._geometry, distance * baseline) for distance in PLANES]
-        self._waveform = Waveform.of(pattern)
+        self._waveform, self._coded = Waveform.of(pattern), Waveform.of(pattern, 'blue')
+        # Fringes from the stripe within which it shows its blur: its own, and a window.
+        self._shown = math.inf if pattern.code == 'contrast' else 0.5 + 2 * WIDTH
         # Two contrasts in a window: each is half the step off, and a cosine's square is a half.
         self._steps = (1 - pattern.faintest_contrast) ** 2 / 8
         self._likelihood = OrderLikelihood(pattern)
@@ -95,8 +97,9 @@ class FringeModel:
         lead = np.zeros(grid.node_shape, np.float32)
         if len(light.colours) > 1:
             lead = lead_of_paint(grid, start.colours, light.shares, colours)
+        waveform = self._blurred(light, usable, surfaces.phase, fringes)
         del light, start  # for the memory that the solver takes
-        fit = self._solved(grey, usable, surfaces, fringes)
+        fit = self._solver.solve(grey, usable, surfaces.reference, surfaces.phase, waveform)
         fit = replace(fit, phase=fit.phase - grid.at_bins(Nearest(colours)(lead)))
         points = self._points(grey, usable, surfaces, fit)
         coverage = Coverage.of(
@@ -140,36 +143,32 @@ class FringeModel:
         filled += (light.shares[0] + self.grid.at_bins(nearest(ratio))) * light.unbroken
         return np.where(np.abs(phase) < math.tau, filled, light.grey), around
 
-    def _solved(
-        self,
-        grey: NDArray[np.float32],
-        usable: NDArray[np.float32],
-        surfaces: Surfaces,
-        fringes: NDArray[np.bool_],
-    ) -> FringeFit:
-        """The model's unknowns."""
-        waveform = self._waveform
-        if waveform.has_code:
-            waveform = self._blurred(grey, usable, surfaces.phase, fringes)
-        return self._solver.solve(grey, usable, surfaces.reference, surfaces.phase, waveform)
-
-    def _blurred(self, light, usable, phase, inside) -> Waveform:
-        """The waveform in the blur that a strip of the picture shows, where most fringes are."""
-        high = min(len(inside), math.ceil(WORD * self.grid.fringe[1]))
-        count = np.convolve(inside.sum(axis=1), np.ones(high), mode='valid')
+    def _blurred(self, light: Light, usable, phase, fringes) -> Waveform:
+        """The waveform in the blur that the code shows in a strip with most of its fringes."""
+        grid = self.grid
+        shown = fringes & (np.abs(grid.at_nodes(phase)) < self._shown * math.tau)
+        if not shown.any():
+            return self._waveform
+        high = min(len(shown), math.ceil(WORD * grid.fringe[1]))
+        count = np.convolve(shown.sum(axis=1), np.ones(high), mode='valid')
         rows = slice(int(count.argmax()), int(count.argmax()) + high)
-        strip = replace(self.grid, height=high * self.grid.rows)
-        light, usable, phase, inside = (each[rows] for each in (light, usable, phase, inside))
-
-        columns = np.flatnonzero(inside.any(axis=0))
-        thirds = np.array_split(columns, min(3, len(columns)))
+        columns = np.flatnonzero(shown[rows].any(axis=0))
+        near = slice(columns[0], columns[-1] + 1)
+        bins = rows, slice(near.start * grid.node, near.stop * grid.node)
+        strip = grid.part(rows, near)
+        coded, usable, phase = (each[bins] for each in (light.coded, usable, phase))
+        shown, across = shown[rows, near], grid.across[bins[1]]
+        words = int(strip.width / (WORD * grid.period))
+        thirds = np.array_split(columns, max(1, min(3, words, len(columns))))
 
         def left(waveform: Waveform) -> NDArray[np.floating]:
-            rest = Windows(strip, *waveform.at(phase, strip.across), usable).fit(light).rest
-            return np.array([np.median(rest[:, each][inside[:, each]]) for each in thirds])
+            rest = Windows(strip, *waveform.at(phase, across), usable).fit(coded).rest
+            of_thirds = ((rest[:, c - near.start], shown[:, c - near.start]) for c in thirds)
+            return np.array([np.median(each[there]) for each, there in of_thirds])
 
-        places = np.array([each.mean() for each in thirds]) / (inside.shape[1] - 1) - 0.5
-        return self._waveform.with_least(left, places)
+        places = np.array([each.mean() for each in thirds]) / (fringes.shape[1] - 1) - 0.5
+        blurred = self._coded.with_least(left, places)
+        return self._waveform.in_blur(blurred.variance, blurred.rise)
 
     def _points(self, grey, usable, surfaces: Surfaces, fit: FringeFit) -> Points:
         """The points of all surfaces."""

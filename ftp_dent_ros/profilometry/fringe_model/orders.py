@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.special import logsumexp
 
 from ftp_dent_ros.errors import NoStripeError, OtherPatternError, RefusedFrameError
@@ -23,7 +25,7 @@ from ftp_dent_ros.profilometry.checks.frame import ADVICE, described
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit
-from ftp_dent_ros.profilometry.fringe_model.start import Start
+from ftp_dent_ros.profilometry.fringe_model.start import LEAP, Start
 
 # Cells a fringe, each a fringe high: windows resolve no more.
 _CELLS = round(1 / WIDTH)
@@ -32,19 +34,25 @@ _FLOOR = {'stripe': 0.05, 'contrast': 0.002}
 # Steps that are seen over the code's (blur and response), and scatter by paint: all as likely.
 _GAINS = (0.3, 0.55, 1.0)
 _SCATTERS = (0.03, 0.1, 0.3)
+_PAIRS = list(itertools.product(_SCATTERS, _GAINS))
 # Degrees of freedom of the steps' Student t: paint's edges are far out.
 _FREEDOM = 3.0
 # Neighbouring cells see the same windows, each of so many square fringes.
 _SAME = 1 / (_CELLS * 4 * math.pi * WIDTH**2)
 # Odds of the accepted order against all others together, and fringes without any code.
 _ODDS = 1e3
-# Odds of another order within words of the code that part them from the surface: surfaces that
-# meet in whole fringes are as rare.
-_PART_ODDS = _ODDS**2
-# Of words, by how well they are read: half of a surface may be another's.
-_WELL_READ = 0.75
+# Log-odds, over a fringe of its length, of an edge where phases meet in whole fringes: of all
+# phases so many pass for no leap.
+_MEETING = -math.log(LEAP / math.pi)
+# Whole numbers of a minimum cut in a natural logarithm.
+_PER_NAT = 1000
+# Rows of which one shows whether a word may be of another order.
+_FEW = 4
+# Of a cell without an order.
+_NONE = np.iinfo(np.int16).min
 # Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
+_WORD_OF_FEW = np.ones((WORD // _FEW, WORD * _CELLS), np.uint8)
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
 # window on each side of it.
 _EDGE = round(1 + 4 * WIDTH)
@@ -71,6 +79,8 @@ class _Cells:
     ----------
     step, noise : ndarray, shape (blocks, steps), float32
         Of the logarithm, and its variance, infinite where no step is seen.
+    level : ndarray, shape (blocks, cells)
+        Mean logarithm of the light's level, NaN where the surface is not.
     first : int
         Fringe that the cells begin with, by the surface's own phase.
     block, cell : ndarray, shape (nodes of the surface,), integer
@@ -79,12 +89,13 @@ class _Cells:
 
     step: NDArray[np.float32]
     noise: NDArray[np.float32]
+    level: NDArray[np.float32]
     first: int
     block: NDArray[np.intp]
     cell: NDArray[np.intp]
 
     @classmethod
-    def of(cls, phase, value, weight, inside, rows: float) -> _Cells:
+    def of(cls, phase, value, weight, level, inside, rows: float) -> _Cells:
         """Cells of a surface; values at the nodes, so many rows of them a fringe."""
         place = phase[inside] / math.tau + 0.25
         first = math.floor(float(place.min()))
@@ -92,15 +103,32 @@ class _Cells:
         block = np.nonzero(inside)[0] // max(1, round(rows))
         shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
         index, w = block * shape[1] + cell, weight[inside]
-        total, mean = (
+        total, mean, level, count = (
             np.bincount(index, each, shape[0] * shape[1]).reshape(shape)
-            for each in (w, w * value[inside])
+            for each in (w, w * value[inside], np.log(level[inside]), np.ones_like(w))
         )
         seen = total > 0
         variance = np.where(seen, 1 / np.maximum(total, 1e-12), np.inf)
         noise = variance[:, _CELLS:] + variance[:, :-_CELLS]
         step = np.where(np.isfinite(noise), _steps(mean / np.maximum(total, 1e-12)), 0)
-        return cls(step.astype(np.float32), noise.astype(np.float32), first, block, cell)
+        level = np.divide(level, count, where=count > 0, out=np.full(shape, np.nan))
+        step, noise, level = (x.astype(np.float32) for x in (step, noise, level))
+        return cls(step, noise, level, first, block, cell)
+
+    def rows(self, rows: Any) -> _Cells:
+        """Some rows of the cells."""
+        return replace(self, step=self.step[rows], noise=self.noise[rows], level=self.level[rows])
+
+    def within(self, part: NDArray[np.bool_]) -> _Cells:
+        """The rows and fringes of a part, with the steps between its own cells."""
+        between = part[:, _CELLS:] & part[:, :-_CELLS]
+        noise = np.where(between, self.noise, np.float32(np.inf))
+        cells = np.flatnonzero(part.any(axis=0))
+        low = cells[0] // _CELLS
+        columns = np.s_[:, low * _CELLS : max(cells[-1] + 1, (low + 2) * _CELLS)]
+        step, noise, level = (each[columns] for each in (self.step, noise, self.level))
+        some = replace(self, step=step, noise=noise, level=level, first=self.first + low)
+        return some.rows(part.any(axis=1))
 
 
 class OrderLikelihood:
@@ -141,7 +169,7 @@ class OrderLikelihood:
         sizes = np.bincount(start.surface[start.surface >= 0])
         for number in np.flatnonzero(sizes):
             nodes = start.surface == number
-            parts, explained = self.parts(start.phase, ratio, weight, nodes, grid.fringe[1])
+            parts, explained = self.parts(start, ratio, weight, nodes, grid.fringe[1])
             unexplained += np.nan_to_num((1 - 2 * explained) * sizes[number])
             for order, part in parts:
                 index[part] = len(orders)
@@ -162,7 +190,7 @@ class OrderLikelihood:
 
     def parts(
         self,
-        phase: NDArray[np.float32],
+        start: Start,
         ratio: NDArray[np.float32],
         weight: NDArray[np.float32],
         inside: NDArray[np.bool_],
@@ -170,13 +198,13 @@ class OrderLikelihood:
     ) -> tuple[list[tuple[int, NDArray[np.bool_]]], float]:
         """Whole fringes to add to a surface's phase, and where.
 
-        Two surfaces whose phases meet along an edge are taken for one; the code of each parts
-        them.
+        Two surfaces whose phases meet along an edge are taken for one, until the code of each
+        divides them.
 
         Parameters
         ----------
-        phase : ndarray, shape (rows, nodes)
-            Right but for whole turns, radians.
+        start : Start
+            With phases that are right but for whole turns.
         ratio : ndarray, shape (rows, nodes)
             Amplitude of the coded light over the other's.
         weight : ndarray, shape (rows, nodes)
@@ -193,69 +221,103 @@ class OrderLikelihood:
         float
             Share of the code's steps that is explained; NaN if no order has the odds.
         """
-        cells = _Cells.of(phase, np.log(np.maximum(ratio, self._floor)), weight, inside, rows)
-        orders = self._lit_orders(cells.first, phase[inside])
-        if not np.isfinite(cells.noise).any() or not len(orders):
+        value, level = np.log(np.maximum(ratio, self._floor)), np.maximum(start.level, 1)
+        cells = _Cells.of(start.phase, value, weight, level, inside, rows)
+        lit = self._lit_orders(cells.first, start.phase[inside], _ON_PANEL)
+        if not np.isfinite(cells.noise).any() or not len(lit):
             return [], math.nan
-        none, all_rows = self._by_row(cells, orders)
-        # Either all rows show the code, or some of them lie behind a step, as likely as not.
-        some = np.logaddexp(all_rows, none) - math.log(2)
-        total: Any = logsumexp([*all_rows.sum(axis=2), *some.sum(axis=2)], axis=0)
-        best = int(np.argmax(total))
-        without = logsumexp(none.sum(axis=2)) + math.log(2)
-        rivals = [*np.delete(total, best), without]
-        if total[best] - logsumexp(rivals) < math.log(_ODDS):
+        by_row = self._by_row(cells, lit)
+        total, without = _totals(*by_row)
+        best = int(total.argmax())
+        read = by_row[1][:, best].sum(axis=-1)
+        local = self._cut(cells, int(lit[best]), *_PAIRS[read.argmax()])
+        rest = local == lit[best]
+        if not rest.all():
+            total, without = _totals(*self._by_row(cells.within(rest), lit))
+        if _odds(total, best, without) < math.log(_ODDS):
+            local[rest] = _NONE
+        if (local == _NONE).all():
             return [], math.nan
-        if not self._has_words:
-            return [(int(orders[best]), inside)], 1.0
-        # How well the code is read is seen where most of it is of the best order.
-        found, pairs = orders[[best]], list(itertools.product(_SCATTERS, _GAINS))
-        read = [_read(self._likelihood(cells, found, *pair)[0]) for pair in pairs]
-        each = self._likelihood(cells, orders, *pairs[int(np.argmax(read))])
-        words = _order_of_words(each, best)
-        explained = self._explained(cells, words, orders + cells.first)
+        explained = self._explained(cells, local) if self._has_words else 1.0
         # That of another pattern explains a quarter, by chance, and of a few fringes more.
         if explained < 1 - explained:
             return [], explained
-        local = words[cells.block, cells.cell]
+        local = local[cells.block, cells.cell]
         parts = []
-        for number in np.unique(local[local >= 0]):
+        for order in np.unique(local[local != _NONE]):
             nodes = np.zeros(inside.shape, bool)
-            nodes[inside] = local == number
-            parts.append((int(orders[number]), nodes))
+            nodes[inside] = local == order
+            parts.append((int(order), nodes))
         return parts, explained
 
-    def _explained(self, cells: _Cells, words, first) -> float:
+    def _cut(self, cells: _Cells, best: int, *pair: float) -> NDArray[np.int16]:
+        """Order of each cell, none at edges between two (eq. 14), and where it is not certain.
+
+        Each word that shows another order than its own proposes one part.
+
+        Parameters
+        ----------
+        best : int
+            Order of the whole surface.
+        *pair : float
+            Scatter and gain of the steps.
+        """
+        place = math.tau * (np.arange(cells.level.shape[1]) / _CELLS + cells.first)
+        orders = self._lit_orders(cells.first, place, 0)
+        own = np.flatnonzero(orders == best)[0]
+        few = cells.rows(slice(None, None, _FEW))
+        each = self._likelihood(few, orders, *pair)
+        words = _shown(np.array([_of_words(e) for e in each - each[own]]))
+        local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
+        while words.max(initial=0) > math.log(_ODDS):
+            order, row, cell = map(int, np.unravel_index(words.argmax(), words.shape))
+            of_own, more = self._likelihood(cells, orders[[own, order]], *pair)
+            # A step belongs between its two cells.
+            more = np.pad(more - of_own, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
+            part, edge = _minimum_cut(more - lead, cells.level)
+            part = _joined(part, row, cell)
+            if part.any():
+                total, without = _totals(*self._by_row(cells.within(part), orders))
+                if _odds(total, order, without) > math.log(_ODDS):
+                    local[part], lead = orders[order], np.where(part, more, lead)
+                elif _mean(total) - total[own] > max(0, edge - math.log(_ODDS)):
+                    local[part] = _NONE
+            # Words that hold some of the part have shown it.
+            part = part[::_FEW, _CELLS // 2 :][:, : words.shape[2]]
+            part[row, cell] = True
+            words[:, cv2.dilate(part.view(np.uint8), _WORD_OF_FEW) > 0] = 0
+        low, high = _least_and_most(local, _EDGE)
+        return np.where(low == high, local, _NONE)
+
+    def _explained(self, cells: _Cells, words) -> float:
         """Share of the steps' squares, in the rows of each part together, that the code explains.
 
-        What words of two orders leave between parts is not explained.
+        What lies at edges between parts is not explained.
 
         Parameters
         ----------
         words : ndarray, shape (blocks, cells)
-            Index of each cell's order.
-        first : ndarray, shape (orders,)
-            Fringe that the cells begin with, by the order.
+            Order of each cell.
         """
         step = cells.step
         weight = 1 / (cells.noise + np.float32(_SCATTERS[1] ** 2))
         of_steps = words[:, _CELLS // 2 :][:, : step.shape[1]]
         sums = np.zeros(3)
-        for number in np.unique(words[words >= 0]):
-            mine = weight * (of_steps == number)
+        for order in np.unique(words[words != _NONE]):
+            mine = weight * (of_steps == order)
             seen = mine.sum(axis=0)
             mean = (mine * step).sum(axis=0) / np.maximum(seen, 1e-9)
-            expected = self._expected(first[[number]])[0, : len(mean)]
+            expected = self._expected(np.array([order + cells.first]))[0, : len(mean)]
             sums += [np.sum(seen * each) for each in (mean * expected, mean**2, expected**2)]
-        of_parts = weight[of_steps >= 0].sum() / max(weight.sum(), 1e-9)
+        of_parts = weight[of_steps != _NONE].sum() / max(weight.sum(), 1e-9)
         return float(of_parts * sums[0] ** 2 / max(sums[1] * sums[2], 1e-12))
 
-    def _lit_orders(self, low, place):
-        """Orders under which the panel lights the surface."""
+    def _lit_orders(self, low, place, share):
+        """Orders under which the panel lights more than a share of what it may light."""
         orders = np.arange(self._first - low - self._count, self._first - low + self._count)
         shifted = place[None, :: max(1, len(place) // 500)] + math.tau * orders[:, None]
         lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
-        return orders[lit > _ON_PANEL * lit.max()]
+        return orders[lit > share * lit.max()]
 
     def _expected(self, first):
         """Steps of the code from fringes of some orders on, shape (orders, cells)."""
@@ -297,6 +359,24 @@ class OrderLikelihood:
         return _student(x) + _log(precision)
 
 
+def _totals(none, all_rows) -> tuple[NDArray[Any], float]:
+    """Logarithms of the likelihoods of orders, and of no code, by those of their rows."""
+    # Either all rows show the code, or some of them lie behind a step, as likely as not.
+    some = np.logaddexp(all_rows, none) - math.log(2)
+    total: Any = logsumexp([*all_rows.sum(axis=2), *some.sum(axis=2)], axis=0)
+    return total, logsumexp(none.sum(axis=2)) + math.log(2)
+
+
+def _mean(total: NDArray[np.floating]) -> float:
+    """Logarithm of the mean likelihood."""
+    return float(logsumexp(total) - math.log(len(total)))
+
+
+def _odds(total: NDArray[np.floating], order: int, *without: float) -> float:
+    """Logarithm of the odds of an order against all others, and what has none, together."""
+    return float(total[order] - logsumexp([*np.delete(total, order), *without]))
+
+
 def _precision(noise, scatter):
     """Inverse scale of steps, zero where none is seen."""
     return 1 / np.sqrt((noise + np.square(scatter)) * np.float32(_FREEDOM))
@@ -326,58 +406,70 @@ def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArra
     return other.swing / red, np.square(red) / variance
 
 
-def _order_of_words(each: NDArray[np.float32], best: int) -> NDArray[np.int16]:
-    """Index of each cell's order as the word about it shows it; -1 where words disagree.
+def _of_words(each: NDArray[np.float32]) -> Any:
+    """Sums over the words in whose middle each is, of steps in one of so many rows."""
+    words: Any = cv2.blur(each, _WORD_OF_FEW.shape[::-1], borderType=cv2.BORDER_CONSTANT)
+    return _FEW * _WORD_OF_FEW.size * words
 
-    Parameters
-    ----------
-    each : ndarray, shape (orders, blocks, steps)
-        Logarithms of likelihoods.
-    best : int
-        Index of the whole surface's order, which other words must beat.
+
+def _shown(words: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Words where an order is ahead at the odds, and likelier than all others together; else 0.
+
+    Of many orders some are ahead by chance.
     """
-    ahead = np.array([_of_words(e) for e in each - each[best]])
-    local = np.argmax(ahead, axis=0).astype(np.int16)
-    local[ahead.max(axis=0) < math.log(_PART_ODDS)] = best
-    low, high = _least_and_most(local, WORD)
-    # An order that no whole word of words shows is by chance.
-    shown = np.unique(local[low == high])
-    between = _clearest(each, shown) if len(shown) > 1 else np.int16(-1)
-    local = np.where(low == high, local, between)
-    # A step belongs between its two cells.
-    local = np.pad(local, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)), 'edge')
-    known = local >= 0
-    low, _ = _least_and_most(np.where(known, local, np.iinfo(np.int16).max), _EDGE)
-    _, high = _least_and_most(local, _EDGE)
-    return np.where(known & (low == high), local, -1)
+    rows, cells = np.nonzero(words.max(axis=0) > math.log(_ODDS))
+    ahead = words[:, rows, cells]
+    alone = ahead.max(axis=0) > logsumexp(ahead, axis=0) - math.log(2)
+    shown = np.zeros_like(words)
+    shown[:, rows[alone], cells[alone]] = ahead[:, alone]
+    return shown
 
 
-def _clearest(each: NDArray[np.float32], shown: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Index of each cell's order, as the word that explains best of those that hold it has it.
+def _joined(part: NDArray[np.bool_], row: int, cell: int) -> NDArray[np.bool_]:
+    """What of a part is joined to the word about a place: the rest is another part."""
+    label: Any = cv2.connectedComponents(part.view(np.uint8), connectivity=4)[1]
+    top, left = max(_FEW * row - WORD // 2, 0), max(cell + _CELLS // 2 - WORD * _CELLS // 2, 0)
+    word = label[top : top + WORD, left : left + WORD * _CELLS]
+    return np.isin(label, word[word > 0])
 
-    In a word across an edge neither code is whole; one that ends at the edge is whole. It must
-    tell its order at the odds of a part, and leave less than those of other orders.
+
+def _minimum_cut(
+    ahead: NDArray[np.float32], level: NDArray[np.float32]
+) -> tuple[NDArray[np.bool_], float]:
+    """Cells whose log-likelihood is ahead most, less the length of the edge around them (eq. 14).
+
+    An edge costs less where the level of the light changes.
+
+    Returns
+    -------
+    part : ndarray of bool
+    edge : float
+        Log-odds against the edge.
     """
-    each = each[shown]
-    lags = each - each.max(axis=0)
-    least = np.full(each.shape, -np.inf, np.float32)
-    for across, down in itertools.product((0, 0.5, 1), repeat=2):
-        place = int(across * (WORD * _CELLS - 1)), int(down * (WORD - 1))
-        sums = np.array([_of_words(e, place) for e in each])
-        lag = np.array([_of_words(e, place) for e in lags])
-        second, first = np.sort(sums, axis=0)[-2:]
-        tells = (sums == first) & (first - second > math.log(_PART_ODDS))
-        np.maximum(least, np.where(tells, lag, -np.inf), out=least)
-    second, first = np.sort(least, axis=0)[-2:]
-    clear = np.isfinite(first) & (second < first - math.log(_ODDS))
-    return np.where(clear, shown[np.argmax(least, axis=0)], -1).astype(np.int16)
-
-
-def _of_words(each: NDArray[np.float32], place: tuple[int, int] = (-1, -1)) -> Any:
-    """Sums of steps over the words in which each has a place, or is in the middle."""
-    size = WORD * _CELLS, WORD
-    words: Any = cv2.blur(each, size, anchor=place, borderType=cv2.BORDER_CONSTANT)
-    return math.prod(size) * words
+    count, index = ahead.size, np.arange(ahead.size).reshape(ahead.shape)
+    pairs = [(index[:, 1:], index[:, :-1]), (index[1:], index[:-1])]
+    one, other = (
+        np.concatenate([each.ravel() for each in ends]) for ends in zip(*pairs, strict=True)
+    )
+    length = np.repeat([1, 1 / _CELLS], [each.size for each, _ in pairs])
+    change = np.square(level.flat[one] - level.flat[other])
+    usual = np.nansum(change) / np.count_nonzero(change >= 0) + np.finfo(np.float32).tiny
+    between = np.nan_to_num(_MEETING * length / (1 + change / (2 * usual)))
+    gain, nodes = ahead.ravel(), np.arange(count)
+    capacity = np.concatenate([between, between, np.maximum(gain, 0), np.maximum(-gain, 0)])
+    source, sink = np.full(count, count), np.full(count, count + 1)
+    start = np.concatenate([one, other, source, nodes])
+    end = np.concatenate([other, one, nodes, sink])
+    whole = np.rint(capacity * _PER_NAT).astype(np.int32)
+    graph = csr_matrix((whole, (start, end)), shape=(count + 2, count + 2))
+    graph.eliminate_zeros()
+    left = graph - maximum_flow(graph, count, count + 1).flow
+    left.data[left.data < 0] = 0
+    left.eliminate_zeros()
+    part = np.zeros(count + 2, bool)
+    part[breadth_first_order(left, count, return_predecessors=False)] = True
+    edge = between[part[one] != part[other]].sum()
+    return part[:count].reshape(ahead.shape), float(edge)
 
 
 def _least_and_most(local: NDArray[np.int16], fringes: int) -> tuple[Any, Any]:
@@ -413,10 +505,3 @@ def _expected_amplitude(pattern: Pattern, first: int, count: int) -> NDArray[np.
     centre = slice(samples // _CELLS // 2, None, samples // _CELLS)
     amplitude: NDArray[np.float64] = 2 * np.hypot(of_cosine, of_sine)[centre]
     return amplitude
-
-
-def _read(each: NDArray[np.float32]) -> float:
-    """Log-likelihood of the words that are better read than three of four."""
-    high, wide = (range(0, n, WORD * c) for n, c in zip(each.shape, (1, _CELLS), strict=True))
-    words = np.add.reduceat(np.add.reduceat(each, high), wide, axis=1)
-    return float(np.quantile(words, _WELL_READ))

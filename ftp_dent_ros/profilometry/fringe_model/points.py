@@ -121,6 +121,7 @@ class Points:
         variance, noise = (
             np.maximum(each, 0) + self._unexplained for each in (denoised.variance, denoised.noise)
         )
+        variance += fit.systematic
         certain = inside & ~rim & (variance < _DEVIATION**2)
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,7 +41,7 @@ def lead_of_paint(
     inside : ndarray of bool, shape (rows, nodes)
         Where all colours have the fringes.
     """
-    amplitude = [cv2.magnitude(each.amplitude, each.slope) for each in colours]
+    amplitude = [each.swing for each in colours]
     light = [np.float32(share) * each for share, each in zip(shares, amplitude, strict=True)]
     total = np.maximum(np.add.reduce(light), np.float32(1e-3))
     paint = np.stack([each / total for each in light])

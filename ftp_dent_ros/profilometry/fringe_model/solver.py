@@ -8,11 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import fdtri
 
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, moved
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
-from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
+from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
 
 # Times that the waveform is learned, Gauss-Newton rounds before bins choose their windows, after
 # which there is one, and times that the windows' own smoothing is taken off the shift in each.
@@ -45,6 +45,8 @@ class FringeFit:
         F and its derivative.
     waveform : Waveform
         With its response and blur.
+    systematic : ndarray, shape (rows, nodes)
+        Variance of what the camera's blur may shift the phase by, radians^2.
     """
 
     phase: NDArray[np.float32]
@@ -55,6 +57,7 @@ class FringeFit:
     wave: NDArray[np.float32]
     slope: NDArray[np.float32]
     waveform: Waveform
+    systematic: NDArray[np.float32]
 
 
 class Solver:
@@ -70,7 +73,7 @@ class Solver:
         along_u, along_v = (max(1, round(ASIDE * each)) for each in grid.fringe)
         self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
         freedom = grid.bins_in_window
-        self._across = np.float32(stats.f.isf(_SIGNIFICANCE, freedom, freedom))
+        self._across = np.float32(fdtri(freedom, freedom, 1 - _SIGNIFICANCE))
         self._box = np.ones(grid.half_fringe[::-1], np.uint8)
 
     def solve(
@@ -88,6 +91,7 @@ class Solver:
         # Detail that these have resolved is no edge.
         fit = self._clearest(light, usable, fit, rest, reference)
         fit, _ = self._round(light, usable, fit, is_robust=True)
+        fit = self._unblurred(fit)
         wave, slope, residual = self._misfit(light, fit)
         scale = self._scale(usable, residual)
         return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
@@ -98,7 +102,7 @@ class Solver:
         The phase of the start is smooth. Later ones follow the response as ripples, so that the
         light does not show it any more.
         """
-        grid, fit = self.grid, FringeFit(phase, *6 * (light,), waveform)
+        grid, fit = self.grid, FringeFit(phase, *6 * (light,), waveform, light)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
             first = Windows(grid, wave, slope, usable).fit(light)
@@ -127,6 +131,22 @@ class Solver:
         rest = change.rest + np.float32(ROUNDING)
         rest[2 * windows.weight <= 1] = np.inf
         return replace(fit, phase=shift, level=level, amplitude=amplitude), rest
+
+    def _unblurred(self, fit) -> FringeFit:
+        """The fit without half of what the camera's blur may shift it by (eq. 15).
+
+        The camera's blur shifts fringes to where the light is brighter, the projector's does not.
+        Nothing shows whose blur beyond the usual is.
+        """
+        level, phase = self.grid.at_nodes(fit.level), self.grid.at_nodes(fit.phase)
+        light, turn = (np.gradient(each, axis=1) for each in (np.log(np.maximum(level, 1)), phase))
+        fall = self.grid.smooth_nodes(light * turn, 2 * WIDTH)
+        fall /= self.grid.smooth_nodes(turn * turn, 2 * WIDTH)
+        across = np.linspace(-0.5, 0.5, level.shape[1], dtype=np.float32)
+        variance = fit.waveform.variance + fit.waveform.rise * across
+        shift = np.maximum(variance - np.float32(USUAL), 0) * fall
+        phase = fit.phase - self.grid.at_bins(shift) / 2
+        return replace(fit, phase=phase, systematic=shift * shift / 12)
 
     def _wave(self, fit, phase):
         """F and its derivative in the blur of the columns."""

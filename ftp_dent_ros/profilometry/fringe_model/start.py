@@ -30,7 +30,7 @@ DEVIATION = math.pi / 6
 # Misfit over that of the windows beside that shows an edge (F test at 1e-3, some 20 bins each),
 # and what the phases of both sides are apart where they meet at most of it, radians: edges of
 # light, or of one paint, leave 0.07 at most, and blurred code 0.27.
-_CLEARER, _LEAP = 4.3, 0.3
+_CLEARER, LEAP = 4.3, 0.3
 #: Nodes that a surface has at least: two rows of windows over some fringes.
 LEAST_NODES = 30
 # Share of the fit that another plane must explain more, so that it is not chosen by noise.
@@ -214,5 +214,5 @@ def _leaps(
     count, line = cv2.connectedComponents(joined)
     usual = np.zeros(count)
     usual[1:] = ndimage.median(leap, np.where(leap >= 0, line, 0), np.arange(1, count))
-    leaps: NDArray[np.bool_] = rim | ((joined > 0) & (usual > _LEAP)[line])
+    leaps: NDArray[np.bool_] = rim | ((joined > 0) & (usual > LEAP)[line])
     return leaps

@@ -42,8 +42,6 @@ class Waveform:
     ----------
     start : float
         Phase of the first sample, radians.
-    has_code : bool
-        Whether fringes differ, so that blur changes more than their amplitude.
     spectrum : ndarray, shape (frequencies,)
         Of the panel's light over the samples.
     frequency : ndarray, shape (frequencies,)
@@ -59,7 +57,6 @@ class Waveform:
     """
 
     start: float
-    has_code: bool
     spectrum: NDArray[np.complex128]
     frequency: NDArray[np.floating]
     straight: NDArray[np.float32]
@@ -68,16 +65,15 @@ class Waveform:
     response: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_BENDS))
 
     @classmethod
-    def of(cls, pattern: Pattern) -> Waveform:
-        """Waveform of a pattern's light as even projector pixels show it."""
+    def of(cls, pattern: Pattern, colour: str = 'red') -> Waveform:
+        """Waveform of a colour of a pattern's light as even projector pixels show it."""
         orders = pattern.fringe_orders
         count = (len(orders) + 2 * _BEYOND) * _SAMPLES
         start = math.tau * (orders.start - _BEYOND - 0.25)
         phase = start + math.tau / _SAMPLES * np.arange(count)
-        light = _drawn(pattern, phase)
+        light = _drawn(pattern, phase, ('red', 'green', 'blue').index(colour))
         return cls(
             start,
-            pattern.code == 'contrast',
             np.fft.rfft(light) / np.sinc(1 / pattern.period_px),
             np.fft.rfftfreq(count, math.tau / _SAMPLES) * math.tau,
             np.empty((3, 0), np.float32),
@@ -185,7 +181,7 @@ def _lowest(
     return np.array(lowest)
 
 
-def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]:
+def _drawn(pattern: Pattern, phase: NDArray[np.floating], colour: int) -> NDArray[np.float64]:
     """Light of the panel's pixels about its mean, -1 to 1, over the samples of a phase.
 
     Each pixel is even, and of a whole level: rounding shifts fringes by thousandths of them.
@@ -194,7 +190,7 @@ def _drawn(pattern: Pattern, phase: NDArray[np.floating]) -> NDArray[np.float64]
     ends = pattern.column(np.append(phase - half, phase[-1] + half))
     pixels = np.arange(math.floor(ends[0]) - 1, math.ceil(ends[-1]) + 2)
     on_panel = (pixels >= 0) & (pixels < pattern.width)
-    drawn = pattern.draw()[0, np.clip(pixels, 0, pattern.width - 1), 0] / pattern.levels
+    drawn = pattern.draw()[0, np.clip(pixels, 0, pattern.width - 1), colour] / pattern.levels
     light = 2 * np.where(on_panel, drawn, pattern.intensity(pixels)) - 1
     total = np.interp(ends, np.append(pixels, pixels[-1] + 1) - 0.5, np.append(0, light.cumsum()))
     return np.diff(total) / np.diff(ends)
