@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL
@@ -25,7 +25,7 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 # Pairs of opposite noise that a dent is measured again with, and how much wider so few make an
 # interval of 95 %.
 _PAIRS = 6
-_WIDER = stats.t.ppf(0.975, _PAIRS) / stats.norm.ppf(0.975)
+_WIDER = stdtrit(_PAIRS, 0.975) / ndtri(0.975)
 #: Part of the depth above which the bottom is.
 CAP = 0.85
 # Places across the bottom, in widths.
