@@ -10,11 +10,9 @@ import numpy as np
 
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, Lattice
-from ftp_dent_ros.inspection.measuring.noise import Mask, smoothed
+from ftp_dent_ros.inspection.measuring.noise import RATE, Mask, smoothed
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-#: Places a square metre that noise alone lists.
-RATE = 0.05
 #: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
 TENTH = 2 * math.sqrt(2 * math.log(10))
 

@@ -6,20 +6,20 @@ import math
 from functools import reduce
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved
 from ftp_dent_ros.dents.dent import SmallestDent
-from ftp_dent_ros.inspection.measuring.detection import RATE, TENTH
+from ftp_dent_ros.inspection.measuring.detection import TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
 from ftp_dent_ros.inspection.measuring.lattice import LEAST, Lattice
-from ftp_dent_ros.inspection.measuring.noise import Map
+from ftp_dent_ros.inspection.measuring.noise import RATE, Map
 from ftp_dent_ros.inspection.measuring.patch import DOUBT
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Of a normal distribution, 95 %: noise hides a dent that is no deeper than what must be seen in
 # half of the cases.
-_SURELY = stats.norm.ppf(0.95)
+_SURELY = ndtri(0.95)
 
 
 def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:

@@ -157,17 +157,18 @@ def _before_denoising(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Points as the photograph alone has them, and their uncertainty, where the cloud has both.
 
-    Denoising takes small dents off, so what it took off is put back. Where the photograph is much
-    noisier than it usually is, as near the edges of light, only a part is put back.
+    Denoising takes small dents off, so what it took off is put back. Where the photograph is
+    noisier than 95 % of its usual noise, as near the edges of light, only a part is put back.
     """
     known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
     if not known.any():
         return cloud.points, cloud.sigma
     rays = _moved(cloud.points, -viewpoint)
-    x, y, z = cv2.split(rays)
-    distance = np.maximum(cv2.magnitude(cv2.magnitude(x, y), z), np.finfo(np.float32).tiny)
-    # Twice as noisy is much, and what is four times as noisy weighs a quarter.
-    much = np.float32(2 * median(cloud.noise[known]))
+    # OpenCV's magnitude depends on where in memory the arrays are.
+    distance = np.maximum(np.sqrt(np.square(rays).sum(axis=-1)), np.finfo(np.float32).tiny)
+    # Edges make it noisier only: what is usual ends as far above the median as below it.
+    low, usual = np.quantile(cloud.noise[known], (0.025, 0.5))
+    much = np.float32(usual * usual / low)
     share = np.square(much / np.fmax(cloud.noise, much))
     shift = share * np.where(known, cloud.raw, np.float32(0)) / distance
     moved = cv2.multiply(rays, cv2.merge([shift] * 3)) + cloud.points

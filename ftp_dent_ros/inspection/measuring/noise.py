@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, stdtrit
 
 from ftp_dent_ros.cloud.response import OF_NOISE, left_out, white_noise
-from ftp_dent_ros.dents.dent import COVERAGE
 from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
+#: Places a square metre that noise alone passes the test at: one in ten of them is as wide as a
+#: dent, and listed as one.
+RATE = 0.5
 #: Standard deviations that one place does not stray by chance: it does in one of two million.
 SURE = 5.0
 # Below this no cloud is trusted, metres.
@@ -44,9 +47,9 @@ class Noise:
         Standard deviation of the cloud's windows, metres.
     fits : int
         In them, each of which corrects the ones before.
-    tails : ndarray, shape (n,)
-        What 95 % of the bare skin stays within, to the side of the smaller, over what 95 % of
-        normal noise would; 1 at least.
+    freedom : ndarray, shape (n,)
+        Degrees of freedom of Student's t, as which noise is distributed whose strength scatters
+        from place to place, as on dirty skin.
     """
 
     scales: NDArray[np.float64]
@@ -55,11 +58,14 @@ class Noise:
     stated: Map
     window: float
     fits: int
-    tails: NDArray[np.float64]
+    freedom: NDArray[np.float64]
 
     def tested(self, scale: float) -> NDArray:
-        """What a test holds places against: `after`, as far as its tails are wider."""
-        return self.after(scale) * np.float32(np.interp(scale, self.scales, self.tails))
+        """`after`, as of the normal noise that passes `RATE` as rarely, of each cell, metres."""
+        level, freedom = self.significant(RATE), np.interp(scale, self.scales, self.freedom)
+        # Of the variance 1.
+        rare = -stdtrit(freedom, ndtr(-level)) * math.sqrt(1 - 2 / freedom)
+        return self.after(scale) * np.float32(rare / level)
 
     def after(self, scale: float, stated: NDArray | float | None = None) -> NDArray:
         """Standard deviation after a Gaussian of `scale` metres, of each cell, metres.
@@ -164,6 +170,7 @@ def measured_noise(
         sample = np.isfinite(deviation)
     stated = np.zeros_like(deviation) if lattice.sigma is None else lattice.sigma
     usual = median_of(stated[sample])
+    every = np.flatnonzero(sample)
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
     window, fits = lattice.windows(sample, OF_NOISE)
     cell = max(lattice.spacing) / math.sqrt(12)
@@ -174,19 +181,25 @@ def measured_noise(
         if lattice.sigma is not None:
             ratio = max(white, _strayed(smooth / stated, rough))
         alike = _strayed(smooth, calm) ** 2 - (ratio * median(stated.ravel()[calm])) ** 2
-        found.append((ratio if scale else ratio / white, math.sqrt(max(alike, _LEAST**2))))
-    ratios, common = np.array(found).T
+        alike = math.sqrt(max(alike, _LEAST**2))
+        strayed = smooth / np.hypot(alike, ratio * stated)
+        found.append((ratio if scale else ratio / white, alike, _freedom(_known(strayed, every))))
+    ratios, common, freedom = np.array(found).T
     falling = np.minimum.accumulate(common)
-    steps = np.array((0.0, *scales))
-    noise = Noise(steps, ratios, falling, stated, window, fits, np.ones(len(steps)))
-    cells, tails = _some(sample), []
-    for smooth, step in zip((deviation, *maps), steps, strict=True):
-        # One more that does not stray: there may be none.
-        strayed = np.append(_known(smooth / noise.after(step), cells), 0.0)
-        # Dents stray to one side, noise to both.
-        low, high = np.quantile(strayed, (0.025, 0.975))
-        tails.append(max(min(-low, high) / COVERAGE, 1.0))
-    return replace(noise, tails=np.array(tails))
+    return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits, freedom)
+
+
+def _freedom(strayed: Map) -> float:
+    """Degrees of freedom of Student's t by the kurtosis, on the side that has less of it.
+
+    Dents stray to one side, noise to both.
+    """
+    # One more to each side: there may be none.
+    strayed = np.append(strayed, (-1, 1))
+    square = np.square(np.maximum([strayed, -strayed], 0))
+    count = np.count_nonzero(square, axis=1)
+    kurtosis = count * np.square(square).sum(axis=1) / np.square(square.sum(axis=1))
+    return float(4 + 6 / max(kurtosis.min() - 3, 1e-3))
 
 
 def _some(mask: Mask) -> NDArray[np.intp]:

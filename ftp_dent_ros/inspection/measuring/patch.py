@@ -90,21 +90,22 @@ class Patch:
         found = np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
         return np.asarray(found, float)
 
-    def with_noise(self, times: int, unsure: float) -> Iterator[Patch]:
-        """The patch as it may have been measured as well, an even number of times.
+    def with_noise(self, pairs: int, unsure: float) -> Iterator[Patch]:
+        """The patch as it may have been measured as well, an even number of pairs.
 
-        With other noise, another share of what is in doubt, and a skin that is off by a share of
-        `unsure`, metres.
+        With half as much noise as it has, a share of what is in doubt, and a skin that is off by
+        a share of `unsure`, metres; and with the opposite of all that.
         """
         rng = np.random.default_rng(0)
         # White noise has a white spectrum; the two parts of a complex field are independent.
-        white = rng.standard_normal((times // 2, *self.depth.shape, 2), np.float32)
+        white = rng.standard_normal((pairs // 2, *self.depth.shape, 2), np.float32)
         spectra = self.passed * white.view(np.complex64)[..., 0]
         fields = scipy.fft.ifft2(spectra, norm='ortho')
         for drawn in (*fields.real, *fields.imag):
             doubt, offset = np.float32(rng.standard_normal(2) * (1.0, unsure))
-            depth = self.depth + self.strays * drawn + doubt * self.doubt + offset
-            yield replace(self, depth=depth)
+            half = (self.strays * drawn + doubt * self.doubt + offset) / 2
+            yield replace(self, depth=self.depth + half)
+            yield replace(self, depth=self.depth - half)
 
 
 def ellipse_of(mask: Mask) -> tuple[Map, Map]:

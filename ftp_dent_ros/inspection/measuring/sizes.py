@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL
+from ftp_dent_ros.inspection.measuring.noise import SURE
 from ftp_dent_ros.inspection.measuring.outline import (
     BETWEEN,
     Outline,
@@ -21,10 +22,11 @@ from ftp_dent_ros.inspection.measuring.outline import (
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-# Times that a dent is measured again, and how much wider that makes an interval of 95 %.
-_TIMES = 12
-_WIDER = stats.t.ppf(0.975, _TIMES - 1) / stats.norm.ppf(0.975)
-#: Part of the depth above which the bottom is: a quadric is laid through it.
+# Pairs of opposite noise that a dent is measured again with, and how much wider so few make an
+# interval of 95 %.
+_PAIRS = 6
+_WIDER = stdtrit(_PAIRS, 0.975) / ndtri(0.975)
+#: Part of the depth above which the bottom is.
 CAP = 0.85
 # Places across the bottom, in widths.
 _ACROSS = np.linspace(-0.75, 0.75, 301)
@@ -84,19 +86,23 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     if measured is None:
         return None
     values, outline = measured
+    # The patch's own shape, by the depth that it has.
+    high = float(values[0])
+    radius, half = _radius(patch, outline, at, high), find_outline(patch, at, high, 0.5, region)
     # Of what the rim cuts, the skin is known on one side: as in a hole that is twice as wide.
     cut = is_cut(patch, outline)
     wide = (1 + cut) * outline.width
     unsure = skin.uncertainty(*outline.centre, wide)
-    again = [_measured(each, at, region) for each in patch.with_noise(_TIMES, unsure)]
+    again = [_measured(each, at, region) for each in patch.with_noise(_PAIRS, unsure)]
     drawn = np.array([each[0] for each in again if each is not None])
-    if len(drawn) < _TIMES / 2:
+    if len(drawn) < _PAIRS:
         return None
     off = drawn - values
     off[:, 3] = (off[:, 3] + math.pi / 2) % math.pi - math.pi / 2
-    # Noise makes the longest distance longer, and the deepest place deeper, once more.
-    more = off.mean(axis=0)
-    spread = np.hypot(_WIDER * off.std(axis=0, ddof=1), more / 2)
+    # Noise makes the longest distance longer, and the deepest place deeper: it goes with the
+    # variance, of which half of the noise has a quarter.
+    more = 4 * off.mean(axis=0)
+    spread = np.hypot(_WIDER * 2 * off.std(axis=0, ddof=1), more / 2)
     values = np.where(values > 0, values * values / np.maximum(values + more, values / 2), values)
     # The length is the longest distance: what would make it shorter than the width, is of both.
     middle = values[1:3].mean()
@@ -107,7 +113,6 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         Estimate(float(value), float(each)) for value, each in zip(values, spread, strict=True)
     )
     turned = math.hypot(angle.uncertainty, BETWEEN)
-    half = find_outline(patch, at, depth.value, 0.5, region)
     return Sizes(
         outline,
         Estimate(angle.value, min(turned, math.pi / math.sqrt(12))),
@@ -116,7 +121,7 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
         width,
         area,
         volume,
-        _radius(patch, outline, at, depth.value),
+        radius,
         math.inf if half is None else half.length[0] / max(half.width, 1e-12),
         cut,
         float(patch.over[outline.inside].mean()),
@@ -131,7 +136,9 @@ def _measured(
     high = float(patch.depth[at])
     if not high > 0:
         return None
-    depth = _bottom(patch, part_above(patch, at, CAP * high, region))
+    # What noise may have made shallower than the deepest, down to half of it.
+    surely = max(high - SURE * float(patch.strays[at]), high / 2)
+    depth = _bottom(patch, part_above(patch, at, surely, region))
     outline = find_outline(patch, at, depth, LEVEL, region)
     if outline is None or not outline.inside.any():
         return None

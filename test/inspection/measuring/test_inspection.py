@@ -465,7 +465,7 @@ DOUBTED = pytest.mark.xfail(strict=True, reason='is listed as a dent: noise blun
     [
         pytest.param(1e-4, 'crease', marks=DOUBTED),
         pytest.param(1.6e-4, 'crease', marks=DOUBTED),
-        (3e-4, 'other'),
+        pytest.param(3e-4, 'other', marks=DOUBTED),
     ],
 )
 def test_a_crease_that_is_all_shown_is_known_as_a_dent_is(sigma, kind):

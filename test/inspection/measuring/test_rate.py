@@ -8,7 +8,8 @@ import pytest
 
 from ftp_dent_ros import inspect
 from ftp_dent_ros.evaluation.scenes import make_rig
-from ftp_dent_ros.inspection.measuring.noise import Noise
+from ftp_dent_ros.inspection.measuring.lattice import Lattice
+from ftp_dent_ros.inspection.measuring.noise import Noise, measured_noise
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.profilometry import Reconstructor, Settings
@@ -34,6 +35,29 @@ def test_noise_passes_the_threshold_as_often_as_is_stated(reach):
             passed += cv2.connectedComponents(beyond.view(np.uint8))[0] - 1
     expected = rate * 6 * (CELL * CELLS) ** 2
     assert abs(passed - expected) < 3 * math.sqrt(expected)
+
+
+def wider_for(field):
+    """How much wider noise is tested than it is, after it was measured in a field."""
+    known, points = np.ones(field.shape, bool), np.zeros((*field.shape, 3), np.float32)
+    stated, spacing = np.ones_like(field), (CELL, CELL)
+    lattice = Lattice(points, known, stated, None, 1, spacing, np.zeros(3), points, known)
+    noise = measured_noise(field, [field], known, lattice, (CELL,))
+    return float(np.median(noise.tested(CELL) / noise.after(CELL)))
+
+
+def test_noise_whose_strength_scatters_is_tested_as_rare_as_normal_noise_is():
+    rng = np.random.default_rng(5)
+    normal = rng.standard_normal((CELLS, CELLS), np.float32)
+    strength = cv2.resize(
+        rng.chisquare(12, (50, 50)), normal.shape, interpolation=cv2.INTER_NEAREST
+    )
+    scattered = (normal / np.sqrt(strength / 12)).astype(np.float32)
+    dented = np.where(rng.random(normal.shape) < 0.02, 6, normal).astype(np.float32)
+    # Student's t of 12 degrees passes 10.4 standard deviations as rarely as a normal one 5.4.
+    assert 0.85 < wider_for(scattered) / (10.4 / 5.4) < 1.3
+    assert wider_for(normal) < 1.1
+    assert wider_for(dented) < 1.1
 
 
 def test_every_stride_has_the_same_list():
