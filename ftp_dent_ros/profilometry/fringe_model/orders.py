@@ -232,7 +232,7 @@ class OrderLikelihood:
         read = by_row[1][:, best].sum(axis=-1)
         local = self._cut(cells, int(lit[best]), *_PAIRS[read.argmax()])
         rest = local == lit[best]
-        if not rest.all():
+        if rest.any() and not rest.all():
             total, without = _totals(*self._by_row(cells.within(rest), lit))
         if _odds(total, best, without) < math.log(_ODDS):
             local[rest] = _NONE
