@@ -280,7 +280,7 @@ class OrderLikelihood:
                 total, without = _totals(*self._by_row(cells.within(part), orders))
                 if _odds(total, order, without) > math.log(_ODDS):
                     local[part], lead = orders[order], np.where(part, more, lead)
-                elif _mean(total) - total[own] > max(0, edge - math.log(_ODDS)):
+                elif _mean(total) - total[own] > max(math.log(2), edge - math.log(_ODDS)):
                     local[part] = _NONE
             # Words that hold some of the part have shown it.
             part = part[::_FEW, _CELLS // 2 :][:, : words.shape[2]]
