@@ -157,8 +157,8 @@ def _before_denoising(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Points as the photograph alone has them, and their uncertainty, where the cloud has both.
 
-    Denoising takes small dents off, so what it took off is put back. Where the photograph is
-    noisier than 95 % of its usual noise, as near the edges of light, only a part is put back.
+    Denoising takes small dents off, so what it took off is put back. Where the noise is
+    beyond the range of 95 % of the photograph, as near edges of light, only a part is put back.
     """
     known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
     if not known.any():

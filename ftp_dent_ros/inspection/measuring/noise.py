@@ -14,8 +14,8 @@ from ftp_dent_ros.cloud.response import OF_NOISE, left_out, white_noise
 from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, Lattice
 from ftp_dent_ros.robust import NORMAL_SPREAD, median
 
-#: Places a square metre that noise alone passes the test at: one in ten of them is as wide as a
-#: dent, and listed as one.
+#: Places a square metre where noise alone passes the test. One in ten of them at most is as wide
+#: as a dent, and listed as one.
 RATE = 0.5
 #: Standard deviations that one place does not stray by chance: it does in one of two million.
 SURE = 5.0

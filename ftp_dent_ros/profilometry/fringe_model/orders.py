@@ -41,12 +41,12 @@ _FREEDOM = 3.0
 _SAME = 1 / (_CELLS * 4 * math.pi * WIDTH**2)
 # Odds of the accepted order against all others together, and fringes without any code.
 _ODDS = 1e3
-# Log-odds, over a fringe of its length, of an edge where phases meet in whole fringes: of all
-# phases so many pass for no leap.
+# Log-odds against a fringe of an edge where phases meet in whole fringes: a share of all phases
+# passes for no leap.
 _MEETING = -math.log(LEAP / math.pi)
 # Whole numbers of a minimum cut in a natural logarithm.
 _PER_NAT = 1000
-# Rows of which one shows whether a word may be of another order.
+# One row of so many shows whether a word may be of another order.
 _FEW = 4
 # Of a cell without an order.
 _NONE = np.iinfo(np.int16).min
@@ -289,21 +289,21 @@ class OrderLikelihood:
         low, high = _least_and_most(local, _EDGE)
         return np.where(low == high, local, _NONE)
 
-    def _explained(self, cells: _Cells, words) -> float:
+    def _explained(self, cells: _Cells, local) -> float:
         """Share of the steps' squares, in the rows of each part together, that the code explains.
 
         What lies at edges between parts is not explained.
 
         Parameters
         ----------
-        words : ndarray, shape (blocks, cells)
+        local : ndarray, shape (blocks, cells)
             Order of each cell.
         """
         step = cells.step
         weight = 1 / (cells.noise + np.float32(_SCATTERS[1] ** 2))
-        of_steps = words[:, _CELLS // 2 :][:, : step.shape[1]]
+        of_steps = local[:, _CELLS // 2 :][:, : step.shape[1]]
         sums = np.zeros(3)
-        for order in np.unique(words[words != _NONE]):
+        for order in np.unique(local[local != _NONE]):
             mine = weight * (of_steps == order)
             seen = mine.sum(axis=0)
             mean = (mine * step).sum(axis=0) / np.maximum(seen, 1e-9)
@@ -407,7 +407,7 @@ def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArra
 
 
 def _of_words(each: NDArray[np.float32]) -> Any:
-    """Sums over the words in whose middle each is, of steps in one of so many rows."""
+    """Sums of steps over the words about them, by one row of every few."""
     words: Any = cv2.blur(each, _WORD_OF_FEW.shape[::-1], borderType=cv2.BORDER_CONSTANT)
     return _FEW * _WORD_OF_FEW.size * words
 
@@ -453,7 +453,8 @@ def _minimum_cut(
     )
     length = np.repeat([1, 1 / _CELLS], [each.size for each, _ in pairs])
     change = np.square(level.flat[one] - level.flat[other])
-    usual = np.nansum(change) / np.count_nonzero(change >= 0) + np.finfo(np.float32).tiny
+    known = max(np.count_nonzero(change >= 0), 1)
+    usual = np.nansum(change) / known + np.finfo(np.float32).tiny
     between = np.nan_to_num(_MEETING * length / (1 + change / (2 * usual)))
     gain, nodes = ahead.ravel(), np.arange(count)
     capacity = np.concatenate([between, between, np.maximum(gain, 0), np.maximum(-gain, 0)])

@@ -136,7 +136,7 @@ class Solver:
         """The fit without half of what the camera's blur may shift it by (eq. 15).
 
         The camera's blur shifts fringes to where the light is brighter, the projector's does not.
-        Nothing shows whose blur beyond the usual is.
+        Nothing shows which of them blurs more than usual.
         """
         level, phase = self.grid.at_nodes(fit.level), self.grid.at_nodes(fit.phase)
         light, turn = (np.gradient(each, axis=1) for each in (np.log(np.maximum(level, 1)), phase))
