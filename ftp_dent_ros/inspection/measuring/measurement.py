@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
+from ftp_dent_ros.dents.dent import (
+    COVERAGE,
+    Estimate,
+    MeasuredDent,
+    SmallestDent,
+    orientation_of,
+)
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.dent_model import model_axes
-from ftp_dent_ros.inspection.measuring.detection import Place
+from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
 from ftp_dent_ros.inspection.measuring.kinds import kind_of
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
-from ftp_dent_ros.inspection.measuring.noise import SURE
-from ftp_dent_ros.inspection.measuring.outline import CUT, part_above
-from ftp_dent_ros.inspection.measuring.patch import Mask, Patch, patch_of
-from ftp_dent_ros.inspection.measuring.segmentation import nearest
+from ftp_dent_ros.inspection.measuring.noise import SURE, smoothed
+from ftp_dent_ros.inspection.measuring.outline import CUT
+from ftp_dent_ros.inspection.measuring.patch import Patch, patch_of
 from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
@@ -46,34 +53,33 @@ def measure(
     settings : SmallestDent
     """
     patch = patch_of(place, skin, lattice)
-    peaks = _peaks(patch, settings.smallest_depth)
-    sized = [
-        (sizes_of(patch, at, region, skin), region, overlaps)
-        for at, (region, overlaps) in zip(peaks, _divided(patch, peaks), strict=True)
-    ]
-    if not any(sizes for sizes, *_ in sized):
+    peaks = _peaks(patch, skin, settings)
+    sized = [(sizes_of(each, at, skin), each) for at, each in _parted(patch, peaks)]
+    if not any(sizes for sizes, _ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
+    overlaps = len(peaks) > 1
     return [
-        _dent(place, sizes, region, kind, patch, skin)
-        for sizes, region, overlaps in sized
+        _dent(place, sizes, kind, each, skin)
+        for sizes, each in sized
         if sizes is not None
         and (kind := kind_of(sizes, place.sign, patch.resolution, settings, overlaps))[0]
     ]
 
 
-def _peaks(patch: Patch, least: float) -> list[tuple[int, int]]:
+def _peaks(patch: Patch, skin: Skin, settings: SmallestDent) -> list[tuple[int, int]]:
     """Rows and columns of the maxima that stand out from their saddles, the deepest first.
 
-    Parameters
-    ----------
-    patch : Patch
-    least : float
-        Depth that a maximum has at least, metres.
+    After a mean as wide as the smallest dent, which is the widest that does not fill a saddle
+    between two of them.
     """
-    values = np.where(patch.known, patch.depth, 0.0).astype(np.float32)
-    unsure = np.hypot(patch.strays, patch.doubt)
+    scale = settings.smallest_width / TENTH
+    cells = scale / patch.step[0], scale / patch.step[1]
+    values = np.nan_to_num(smoothed(patch.depth, patch.known, cells))
+    # Noise has many places to make a saddle; what was put back may be too much but once.
+    noise = SURE * skin.noise.after(scale, patch.usual)
+    unsure = np.hypot(noise, COVERAGE * patch.doubt)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
-    at = np.argwhere((values == top) & patch.own & (values > least))
+    at = np.argwhere((values == top) & patch.own & (values > 0))
     order = np.argsort(-values[tuple(at.T)], kind='stable')
     at, heights = at[order], values[tuple(at[order].T)]
     if len(at) < 2:
@@ -87,28 +93,29 @@ def _peaks(patch: Patch, least: float) -> list[tuple[int, int]]:
     kept = [0]
     for index in range(1, len(at)):
         fall = heights[index] - saddles[index, kept].max() - step
-        if fall > max(LEVEL * heights[index], SURE * unsure[tuple(at[index])]):
+        if fall > max(LEVEL * heights[index], unsure[tuple(at[index])]):
             kept.append(index)
     return [(int(row), int(column)) for row, column in at[kept]]
 
 
-def _divided(patch: Patch, peaks: list[tuple[int, int]]) -> list[tuple[Mask | None, bool]]:
-    """Cells of each peak, divided where water would divide, and whether it overlaps another one.
+def _parted(
+    patch: Patch, peaks: list[tuple[int, int]]
+) -> Iterator[tuple[tuple[int, int], Patch]]:
+    """Each peak, and the patch as it would be without the others.
 
-    It does if it is connected with that one above `LEVEL` of its depth.
+    A dent is as deep on one side of its peak as on the other: where it is less deep than that, the
+    rest is of a neighbour. What all of them leave is shared in the same ratio, and where none
+    claims any, by how near they are (Lupton, The SDSS image deblender, 2005).
     """
-    if len(peaks) < 2:
-        return [(None, False) for _ in peaks]
-    found = np.full(patch.depth.shape, -1, np.int32)
-    found[tuple(np.array(peaks).T)] = np.arange(len(peaks))
-    for depth in np.linspace(float(patch.depth.max()), 0.0, _LEVELS):
-        reached = patch.known & (patch.depth >= depth) & (found < 0)
-        found = np.where(reached, nearest(found), found)
-    around = [part_above(patch, peak, LEVEL * patch.depth[peak], None) for peak in peaks]
-    return [
-        (found == index, sum(bool(part[other]) for other in peaks) > 1)
-        for index, part in enumerate(around)
-    ]
+    rows, columns = np.indices(patch.depth.shape)
+    claims = []
+    for row, column in peaks:
+        across, down = column - columns, row - rows
+        opposite = patch.at(patch.depth, column + across, row + down, cv2.INTER_NEAREST)
+        near = patch.depth[row, column] / (1 + across * across + down * down)
+        claims.append(np.maximum(opposite, 1e-6 * near))
+    for at, claim in zip(peaks, claims, strict=True):
+        yield at, replace(patch, depth=np.float32(patch.depth * claim / sum(claims)))
 
 
 def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
@@ -121,7 +128,6 @@ def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
 def _dent(
     place: Place,
     sizes: Sizes,
-    region: Mask | None,
     kind: tuple[str, str],
     patch: Patch,
     skin: Skin,
@@ -131,7 +137,7 @@ def _dent(
     feet, outward = contour.foot(*(np.append(each, each[0]) for each in (outline.x, outline.y)))
     (position,), (normal,) = contour.foot(*(np.array([each]) for each in outline.centre))
     axis = axis_along(contour, normal, outline.axis)
-    model_length, model_width = model_axes(patch, region, sizes)
+    model_length, model_width = model_axes(patch, sizes)
     turns = sizes.angle.value, sizes.angle.value + math.pi / 2
     lengthwise, crosswise = (
         _profile(patch, outline.centre, turn, sign, each.value)

@@ -50,6 +50,8 @@ class Patch:
         Where there are depths, and where they are filled.
     own : ndarray of bool
         Cells of the place.
+    usual : float
+        What the cloud states of its points beside the place, metres.
     step : tuple of 2 floats
         Between columns and between rows, metres.
     resolution : float
@@ -65,6 +67,7 @@ class Patch:
     known: Mask
     over: Mask
     own: Mask
+    usual: np.float32
     step: tuple[float, float]
     resolution: float
 
@@ -190,6 +193,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
         known | over,
         over,
         owned,
+        usual,
         step,
         window * halved(fits) if is_stated else math.nan,
     )
