@@ -138,7 +138,7 @@ def of_dents(
     """
     listed = [m for m in (*found.dents, *found.others) if m.kind != 'step']
     # A bump beside a dent, as a crater's rim, is not that dent.
-    alike = np.sign([[m.depth.value * t.depth for t in true] for m in listed])
+    alike = np.sign(np.multiply.outer([m.depth.value for m in listed], [t.depth for t in true]))
     reaches = np.array([max(NEAREST, t.length / 2) for t in true]) * np.maximum(alike, 0)
     pairs = match_truth([m.position for m in listed], [t.position for t in true], reaches)
     left = [m for i, m in enumerate(listed) if i not in pairs.values() and elsewhere(m)]
