@@ -19,7 +19,7 @@ from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Cells of a patch across a place at most, and a third of those across its window.
-_ACROSS = 32
+_ACROSS = 48
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
 #: Of what is put back: how far resolutions are off, as a part of it.
