@@ -135,7 +135,7 @@ def _measured(
     if not high > 0:
         return None
     # What noise may have made shallower than the deepest, down to half of it.
-    surely = max(high - SURE * float(patch.strays[at]), high / 2)
+    surely = max(high - 2 * SURE * float(patch.strays[at]), high / 2)
     depth = _bottom(patch, part_above(patch, at, surely))
     outline = find_outline(patch, at, depth, LEVEL)
     if outline is None or not outline.inside.any():
@@ -147,10 +147,11 @@ def _measured(
 
 
 def _bottom(patch: Patch, cap: Mask) -> float:
-    """Largest depth of a quadric through the cap."""
+    """Largest depth of a surface of the fourth degree through the cap."""
     rows, columns = np.nonzero(cap)
-    u, v = columns - columns.mean(), rows - rows.mean()
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    reach = max(np.ptp(rows), np.ptp(columns), 1) / 2
+    u, v = (columns - columns.mean()) / reach, (rows - rows.mean()) / reach
+    terms = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)])
     weighted = terms / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
     found = np.linalg.lstsq(weighted @ terms.T, weighted @ patch.depth[cap], rcond=None)[0]
     return float((found @ terms).max())
