@@ -13,7 +13,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
-from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
+from ftp_dent_ros.inspection.measuring.detection import Place
 from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
 from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
@@ -180,15 +180,16 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     around = stated[known & ~owned]
     usual = np.float32(median_of(around if len(around) else stated.ravel()))
     beyond = np.maximum(stated * stated - usual * usual, 0)
-    white = skin.noise.before(max(scale, width / TENTH), np.minimum(stated, usual))
-    passed = _passed(known.shape, step, skin.noise, scale, (window, fits if is_stated else 0))
+    share = skin.noise.after(scale, np.minimum(stated, usual)) / skin.noise.after(scale, usual)
+    restored = window, fits if is_stated else 0
+    passed = _passed(known.shape, step, (skin.noise, usual), scale, restored)
     level = math.sqrt(np.square(passed).mean())
     return Patch(
         x,
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, np.float32(0))),
         np.sqrt(doubt**2 + np.where(over, unsure, np.float32(0)) ** 2 + beyond),
-        white * level,
+        np.float32(share * level),
         passed / level,
         known | over,
         over,
@@ -268,7 +269,7 @@ def _restored(
 def _passed(
     shape: tuple[int, ...],
     step: tuple[float, float],
-    noise: Noise,
+    noise: tuple[Noise, float],
     scale: float,
     restored: tuple[float, int],
 ) -> Map:
@@ -279,4 +280,4 @@ def _passed(
     taken = left_out(square * restored[0] ** 2, restored[1]) if restored[1] else 0.0
     raised = 1 + taken + taken * taken
     smooth = 1 - left_out(square * scale**2, 2)
-    return np.float32(noise.spectrum(square, math.prod(step)) * smooth * raised)
+    return np.float32(noise[0].spectrum(square, math.prod(step), noise[1]) * smooth * raised)
