@@ -39,8 +39,9 @@ class Patch:
         Feet of the cells on the contour, metres.
     depth : ndarray
         In the direction of the place, smoothed, metres.
-    doubt : ndarray
-        Standard uncertainty of what was put back or filled, metres.
+    doubts : ndarray, shape (n, rows, columns)
+        Of what was put back or filled: as one standard deviation of each doubt moves the depths,
+        metres.
     strays : ndarray
         Standard deviation of the depths by noise, metres.
     passed : ndarray
@@ -61,7 +62,7 @@ class Patch:
     x: Map
     y: Map
     depth: Map
-    doubt: Map
+    doubts: Map
     strays: Map
     passed: Map
     known: Mask
@@ -86,6 +87,11 @@ class Patch:
         return self.at(self.depth, columns, rows), measured
 
     @cached_property
+    def doubt(self) -> Map:
+        """Standard uncertainty by all doubts together, metres."""
+        return np.asarray(np.linalg.norm(self.doubts, axis=0))
+
+    @cached_property
     def _to_cells(self) -> Map:
         """From 1, x and y to columns and rows, shape (3, 2)."""
         rows, columns = np.indices(self.x.shape, float).reshape(2, -1)
@@ -104,9 +110,12 @@ class Patch:
         white = rng.standard_normal((pairs // 2, *self.depth.shape, 2), np.float32)
         spectra = self.passed * white.view(np.complex64)[..., 0]
         fields = scipy.fft.ifft2(spectra, norm='ortho')
-        for drawn in (*fields.real, *fields.imag):
-            doubt, offset = np.float32(rng.standard_normal(2) * (1.0, unsure))
-            half = (self.strays * drawn + doubt * self.doubt + offset) / 2
+        # Together the pairs draw each doubt with its variance, and no two of them alike.
+        offset = np.full((1, *self.depth.shape), unsure, np.float32)
+        doubts = np.concatenate([self.doubts, offset])
+        shares = np.linalg.qr(rng.standard_normal((pairs, len(doubts))))[0] * math.sqrt(pairs)
+        for drawn, share in zip((*fields.real, *fields.imag), np.float32(shares), strict=True):
+            half = (self.strays * drawn + np.tensordot(share, doubts, 1)) / 2
             yield replace(self, depth=self.depth + half)
             yield replace(self, depth=self.depth - half)
 
@@ -170,7 +179,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
     window, fits = lattice.windows(own, OF_WAVES)
     is_stated = lattice.resolution is not None
-    depth, doubt = _restored(depth, known, (window / step[0], window / step[1]), fits, is_stated)
+    depth, doubts = _restored(depth, known, (window / step[0], window / step[1]), fits, is_stated)
     bridged, unsure, gaps = (
         np.asarray(cv2.resize(spread(np.float32(each), cv2.INTER_LINEAR), known.shape[::-1]))
         for each in skin.bridged
@@ -188,7 +197,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
         x,
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, np.float32(0))),
-        np.sqrt(doubt**2 + np.where(over, unsure, np.float32(0)) ** 2 + beyond),
+        np.float32([*doubts, np.sqrt(np.where(over, unsure, np.float32(0)) ** 2 + beyond)]),
         np.float32(share * level),
         passed / level,
         known | over,
@@ -251,8 +260,8 @@ def _taken(values: Map, known: Mask, sigma: tuple[float, float], fits: int) -> M
 
 def _restored(
     depth: Map, known: Mask, sigma: tuple[float, float], fits: int, is_stated: bool
-) -> tuple[Map, Map]:
-    """Depths with what the reconstruction smoothed away, and how far that is in doubt.
+) -> tuple[Map, list[Map]]:
+    """Depths with what the reconstruction smoothed away, and what of that is in doubt.
 
     What the windows leave out of the surface as it is was left out of it before, but for what is
     finer; the same of that again is the next order, and bounds the rest (the Neumann series of
@@ -261,9 +270,9 @@ def _restored(
     """
     first = _taken(depth, known, sigma, fits)
     if not is_stated:
-        return depth, np.abs(first)
+        return depth, [first]
     second = _taken(first, known, sigma, fits)
-    return depth + first + second, np.hypot(DOUBT * first, second)
+    return depth + first + second, [DOUBT * first, second]
 
 
 def _passed(
