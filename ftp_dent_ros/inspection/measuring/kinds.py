@@ -47,7 +47,7 @@ def kind_of(
         Wavelength of which half is left, metres; NaN if it is not known.
     settings : SmallestDent
     overlaps : bool
-        Whether its outline ends at another dent.
+        Whether another dent lies in the same place.
     """
     depth, width, least = sizes.depth.value, sizes.width.value, settings.smallest_width
     surely = width + COVERAGE * sizes.width.uncertainty < least
@@ -82,4 +82,7 @@ def kind_of(
         return 'dent', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
     if width < least:
         return 'dent', 'may be narrower than the smallest dent'
-    return 'dent', 'overlaps another one: its outline ends where they part' if overlaps else ''
+    return (
+        'dent',
+        'overlaps another one: each is taken to be alike on both sides' if overlaps else '',
+    )

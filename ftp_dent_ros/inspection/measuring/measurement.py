@@ -22,7 +22,7 @@ from ftp_dent_ros.inspection.measuring.dent_model import model_axes
 from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
 from ftp_dent_ros.inspection.measuring.kinds import kind_of
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
-from ftp_dent_ros.inspection.measuring.noise import SURE, smoothed
+from ftp_dent_ros.inspection.measuring.noise import SURE, Map, smoothed
 from ftp_dent_ros.inspection.measuring.outline import CUT
 from ftp_dent_ros.inspection.measuring.patch import Patch, patch_of
 from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
@@ -53,8 +53,12 @@ def measure(
     settings : SmallestDent
     """
     patch = patch_of(place, skin, lattice)
-    peaks = _peaks(patch, skin, settings)
-    sized = [(sizes_of(each, at, skin), each) for at, each in _parted(patch, peaks)]
+    # As wide as the smallest dent, a mean does not fill the saddle between two of them.
+    scale = settings.smallest_width / TENTH
+    cells = scale / patch.step[0], scale / patch.step[1]
+    values = np.nan_to_num(smoothed(patch.depth, patch.known, cells))
+    peaks = _peaks(patch, values, skin.noise.after(scale, patch.usual))
+    sized = [(sizes_of(each, at, skin), each) for at, each in _parted(patch, values, peaks)]
     if not any(sizes for sizes, _ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
     overlaps = len(peaks) > 1
@@ -66,18 +70,19 @@ def measure(
     ]
 
 
-def _peaks(patch: Patch, skin: Skin, settings: SmallestDent) -> list[tuple[int, int]]:
+def _peaks(patch: Patch, values: Map, noise: NDArray) -> list[tuple[int, int]]:
     """Rows and columns of the maxima that stand out from their saddles, the deepest first.
 
-    After a mean as wide as the smallest dent, which is the widest that does not fill a saddle
-    between two of them.
+    Parameters
+    ----------
+    patch : Patch
+    values : ndarray, shape (rows, columns), float32
+        Its depths after a mean, metres.
+    noise : ndarray, shape ()
+        Of these, metres.
     """
-    scale = settings.smallest_width / TENTH
-    cells = scale / patch.step[0], scale / patch.step[1]
-    values = np.nan_to_num(smoothed(patch.depth, patch.known, cells))
     # Noise has many places to make a saddle; what was put back may be too much but once.
-    noise = SURE * skin.noise.after(scale, patch.usual)
-    unsure = np.hypot(noise, COVERAGE * patch.doubt)
+    unsure = np.hypot(SURE * noise, COVERAGE * patch.doubt)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
     at = np.argwhere((values == top) & patch.own & (values > 0))
     order = np.argsort(-values[tuple(at.T)], kind='stable')
@@ -99,21 +104,25 @@ def _peaks(patch: Patch, skin: Skin, settings: SmallestDent) -> list[tuple[int, 
 
 
 def _parted(
-    patch: Patch, peaks: list[tuple[int, int]]
+    patch: Patch, values: Map, peaks: list[tuple[int, int]]
 ) -> Iterator[tuple[tuple[int, int], Patch]]:
     """Each peak, and the patch as it would be without the others.
 
-    A dent is as deep on one side of its peak as on the other: where it is less deep than that, the
-    rest is of a neighbour. What all of them leave is shared in the same ratio, and where none
-    claims any, by how near they are (Lupton, The SDSS image deblender, 2005).
+    A dent is as deep on one side of its peak as on the other, or may be where that is not known:
+    in this ratio they share what is there, and where none is, by how near they are (Lupton, The
+    SDSS image deblender, 2005).
     """
     rows, columns = np.indices(patch.depth.shape)
     claims = []
     for row, column in peaks:
         across, down = column - columns, row - rows
-        opposite = patch.at(patch.depth, column + across, row + down, cv2.INTER_NEAREST)
-        near = patch.depth[row, column] / (1 + across * across + down * down)
-        claims.append(np.maximum(opposite, 1e-6 * near))
+        opposite, known = (
+            patch.at(each, column + across, row + down, cv2.INTER_NEAREST)
+            for each in (values, patch.known)
+        )
+        near = values[row, column] / (1 + across * across + down * down)
+        claim = np.where(known > 0, opposite, values)
+        claims.append(np.maximum(claim, 1e-6 * near))
     for at, claim in zip(peaks, claims, strict=True):
         yield at, replace(patch, depth=np.float32(patch.depth * claim / sum(claims)))
 

@@ -103,9 +103,7 @@ def part_above(patch: Patch, at: tuple[int, int], level: float) -> Mask:
     return filled == 2
 
 
-def find_outline(
-    patch: Patch, at: tuple[int, int], depth: float, wanted: float
-) -> Outline | None:
+def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float) -> Outline | None:
     """Outline at a part of the depth around a cell; None if there is none.
 
     Where noise would draw it, it is drawn where the depth stands out and carried on by as much as

@@ -68,7 +68,7 @@ class Patch:
     known: Mask
     over: Mask
     own: Mask
-    usual: np.float32
+    usual: float
     step: tuple[float, float]
     resolution: float
 
@@ -187,8 +187,9 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     over = (gaps > 0) & ~known
     # What the cloud doubts beyond the noise beside the place is alike all over it.
     around = stated[known & ~owned]
-    usual = np.float32(median_of(around if len(around) else stated.ravel()))
+    usual = median_of(around if len(around) else stated.ravel())
     beyond = np.maximum(stated * stated - usual * usual, 0)
+    gap_doubt = np.sqrt(np.where(over, unsure, np.float32(0)) ** 2 + beyond)
     share = skin.noise.after(scale, np.minimum(stated, usual)) / skin.noise.after(scale, usual)
     restored = window, fits if is_stated else 0
     passed = _passed(known.shape, step, (skin.noise, usual), scale, restored)
@@ -197,7 +198,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
         x,
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, np.float32(0))),
-        np.float32([*doubts, np.sqrt(np.where(over, unsure, np.float32(0)) ** 2 + beyond)]),
+        np.stack([*doubts, gap_doubt]).astype(np.float32),
         np.float32(share * level),
         passed / level,
         known | over,

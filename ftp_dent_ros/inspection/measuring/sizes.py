@@ -127,9 +127,7 @@ def sizes_of(patch: Patch, at: tuple[int, int], skin: Skin) -> Sizes | None:
     )
 
 
-def _measured(
-    patch: Patch, at: tuple[int, int]
-) -> tuple[NDArray[np.float64], Outline] | None:
+def _measured(patch: Patch, at: tuple[int, int]) -> tuple[NDArray[np.float64], Outline] | None:
     """Depth, length, width, angle, area and volume; and the outline."""
     high = float(patch.depth[at])
     if not high > 0:
@@ -149,7 +147,7 @@ def _measured(
 def _bottom(patch: Patch, cap: Mask) -> float:
     """Largest depth of a surface of the fourth degree through the cap."""
     rows, columns = np.nonzero(cap)
-    reach = max(np.ptp(rows), np.ptp(columns), 1) / 2
+    reach = max(cap.shape)
     u, v = (columns - columns.mean()) / reach, (rows - rows.mean()) / reach
     terms = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)])
     weighted = terms / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
