@@ -136,17 +136,21 @@ def of_dents(
     The row and column of each true dent's centre is where its inspection says from which depth
     on dents are findable: of those deeper, and as wide as that is of, it counts the kinds.
     """
-    listed = [m for m in (*found.dents, *found.others) if m.kind != 'step']
+    # Of steps those all round something may be a flat dent: they are a word on it, no more.
+    every = (*found.dents, *found.others)
+    listed = [m for m in every if m.kind != 'step' or m.width.is_measured]
     # A bump beside a dent, as a crater's rim, is not that dent.
     alike = np.sign(np.multiply.outer([m.depth.value for m in listed], [t.depth for t in true]))
     reaches = np.array([max(NEAREST, t.length / 2) for t in true]) * np.maximum(alike, 0)
     pairs = match_truth([m.position for m in listed], [t.position for t in true], reaches)
-    left = [m for i, m in enumerate(listed) if i not in pairs.values() and elsewhere(m)]
+    unmatched = (m for i, m in enumerate(listed) if i not in pairs.values())
+    left = [m for m in unmatched if m.kind != 'step' and elsewhere(m)]
     doubtful = sum(m.kind == 'other' for m in left)
     figures: Figures = {'false': len(left) - doubtful, 'doubtful': doubtful}
     if not true:
         return figures
-    figures['found'] = len(pairs) / len(true)
+    dents = {i: j for i, j in pairs.items() if listed[j].kind != 'step'}
+    figures['found'] = len(dents) / len(true)
     findable = [
         listed[pairs[i]].kind if i in pairs else ''
         for i, (dent, at) in enumerate(zip(true, pixels, strict=True))
@@ -157,7 +161,7 @@ def of_dents(
         shares = dented, len(findable) - dented - nothing, nothing
         names = 'findable_listed', 'findable_doubted', 'findable_missed'
         figures |= {n: s / len(findable) for n, s in zip(names, shares, strict=True)}
-    matched = [(listed[j], true[i]) for i, j in pairs.items()]
+    matched = [(listed[j], true[i]) for i, j in dents.items()]
     if matched:
         off = [abs(m.depth.value / t.depth - 1) for m, t in matched]
         figures['depth_off'] = float(np.median(off))
