@@ -151,8 +151,14 @@ def of_dents(
         return figures
     dents = {i: j for i, j in pairs.items() if listed[j].kind != 'step'}
     figures['found'] = len(dents) / len(true)
+    several = [m for m in listed if 'may be several' in m.reason]
+
+    def word(dent: TrueDent) -> str:
+        apart = (np.linalg.norm(m.position - dent.position) - m.length.value / 2 for m in several)
+        return 'other' if min(apart, default=0) < 0 else ''
+
     findable = [
-        listed[pairs[i]].kind if i in pairs else ''
+        listed[pairs[i]].kind if i in pairs else word(dent)
         for i, (dent, at) in enumerate(zip(true, pixels, strict=True))
         if dent.depth > found.findable[at] and dent.width >= SmallestDent().smallest_width
     ]

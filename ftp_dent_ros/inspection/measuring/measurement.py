@@ -32,6 +32,8 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 _LEVELS = 32
 # Of a profile, in lengths of the dent.
 _PROFILE = np.linspace(-0.83, 0.83, 81)
+_OVERLAPS = 'overlaps another one: each is taken to be alike on both sides'
+_SEVERAL = 'may be several: what would part them is hardly more than noise'
 _NAN = Estimate(math.nan, math.nan)
 _NO_PROFILE = np.zeros((0, 2))
 
@@ -57,21 +59,23 @@ def measure(
     scale = settings.smallest_width / TENTH
     cells = scale / patch.step[0], scale / patch.step[1]
     values = np.nan_to_num(smoothed(patch.depth, patch.known, cells))
-    peaks = _peaks(patch, values, skin.noise.after(scale, patch.usual))
+    peaks, several = _peaks(patch, values, skin.noise.after(scale, patch.usual))
     sized = [(sizes_of(each, at, skin), each) for at, each in _parted(patch, values, peaks)]
     if not any(sizes for sizes, _ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
-    overlaps = len(peaks) > 1
+    shared = _SEVERAL if several else _OVERLAPS if len(peaks) > 1 else ''
     return [
         _dent(place, sizes, kind, each, skin)
         for sizes, each in sized
         if sizes is not None
-        and (kind := kind_of(sizes, place.sign, patch.resolution, settings, overlaps))[0]
+        and (kind := kind_of(sizes, place.sign, patch.resolution, settings, shared))[0]
     ]
 
 
-def _peaks(patch: Patch, values: Map, noise: NDArray) -> list[tuple[int, int]]:
+def _peaks(patch: Patch, values: Map, noise: NDArray) -> tuple[list[tuple[int, int]], bool]:
     """Rows and columns of the maxima that stand out from their saddles, the deepest first.
+
+    And whether one more may do so.
 
     Parameters
     ----------
@@ -82,25 +86,28 @@ def _peaks(patch: Patch, values: Map, noise: NDArray) -> list[tuple[int, int]]:
         Of these, metres.
     """
     # Noise has many places to make a saddle; what was put back may be too much but once.
-    unsure = np.hypot(SURE * noise, COVERAGE * patch.doubt)
+    sure = np.hypot(SURE * noise, COVERAGE * patch.doubt)
+    likely = COVERAGE * np.hypot(noise, patch.doubt)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
     at = np.argwhere((values == top) & patch.own & (values > 0))
     order = np.argsort(-values[tuple(at.T)], kind='stable')
     at, heights = at[order], values[tuple(at[order].T)]
     if len(at) < 2:
-        return [(int(row), int(column)) for row, column in at]
+        return [(int(row), int(column)) for row, column in at], False
     saddles = np.zeros((len(at), len(at)))
     step = float(heights[0]) / _LEVELS
     for level in step * np.arange(_LEVELS):
         _, labels = cv2.connectedComponents((values > level).view(np.uint8))
         place = labels[tuple(at.T)]
         saddles[(place[:, None] == place) & (place > 0)] = level
-    kept = [0]
+    kept, several = [0], False
     for index in range(1, len(at)):
         fall = heights[index] - saddles[index, kept].max() - step
-        if fall > max(LEVEL * heights[index], unsure[tuple(at[index])]):
-            kept.append(index)
-    return [(int(row), int(column)) for row, column in at[kept]]
+        if fall > LEVEL * heights[index]:
+            if fall > sure[tuple(at[index])]:
+                kept.append(index)
+            several |= bool(sure[tuple(at[index])] >= fall > likely[tuple(at[index])])
+    return [(int(row), int(column)) for row, column in at[kept]], several
 
 
 def _parted(
