@@ -25,6 +25,7 @@ from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.noise import SURE, Map, smoothed
 from ftp_dent_ros.inspection.measuring.outline import CUT
 from ftp_dent_ros.inspection.measuring.patch import Patch, patch_of
+from ftp_dent_ros.inspection.measuring.segmentation import nearest
 from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
@@ -92,7 +93,7 @@ def _peaks(patch: Patch, values: Map, noise: NDArray) -> tuple[list[tuple[int, i
     at = np.argwhere((values == top) & patch.own & (values > 0))
     order = np.argsort(-values[tuple(at.T)], kind='stable')
     at, heights = at[order], values[tuple(at[order].T)]
-    if len(at) < 2:
+    if not at[1:].size:
         return [(int(row), int(column)) for row, column in at], False
     saddles = np.zeros((len(at), len(at)))
     step = float(heights[0]) / _LEVELS
@@ -115,23 +116,27 @@ def _parted(
 ) -> Iterator[tuple[tuple[int, int], Patch]]:
     """Each peak, and the patch as it would be without the others.
 
-    A dent is as deep on one side of its peak as on the other, or may be where that is not known:
-    in this ratio they share what is there, and where none is, by how near they are (Lupton, The
-    SDSS image deblender, 2005).
+    A dent is as deep on one side of its peak as on the other: in this ratio they share what is
+    there (Lupton, The SDSS image deblender, 2005). Where that side is not known, or none claims
+    anything, it is divided where water would divide.
     """
-    rows, columns = np.indices(patch.depth.shape)
+    found = np.full(patch.depth.shape, -1, np.int32)
+    for index, at in enumerate(peaks):
+        found[at] = index
+    for depth in np.linspace(float(values.max()), 0.0, _LEVELS):
+        found = np.where((values >= depth) * (found < 0), nearest(found), found)
+    rows, columns = np.indices(found.shape)
     claims = []
-    for row, column in peaks:
-        across, down = column - columns, row - rows
+    for index, (row, column) in enumerate(peaks):
         opposite, known = (
-            patch.at(each, column + across, row + down, cv2.INTER_NEAREST)
+            patch.at(each, 2 * column - columns, 2 * row - rows, cv2.INTER_NEAREST)
             for each in (values, patch.known)
         )
-        near = values[row, column] / (1 + across * across + down * down)
-        claim = np.where(known > 0, opposite, values)
-        claims.append(np.maximum(claim, 1e-6 * near))
+        least = np.where(known, 1e-6, values) * (found == index)
+        claims.append(np.maximum(opposite * known, least))
+    total = np.maximum(sum(claims), 1e-12)
     for at, claim in zip(peaks, claims, strict=True):
-        yield at, replace(patch, depth=np.float32(patch.depth * claim / sum(claims)))
+        yield at, replace(patch, depth=np.float32(patch.depth * claim / total))
 
 
 def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
