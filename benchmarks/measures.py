@@ -7,8 +7,10 @@ and a reason. Lengths are millimetres; "over u" is an error over its stated stan
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,11 @@ from photographs import KINDS, PAPER, STRIDE, Kind, Scene
 from ftp_dent_ros import inspect, reconstruct
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
+from ftp_dent_ros.inspection.measuring.lattice import LEVEL
 from ftp_dent_ros.pattern.pattern import CODES
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.simulation import Dent, Surface
+from ftp_dent_ros.simulation.dents import Shape
 from ftp_dent_ros.simulation.truth import TrueDent, match_truth, true_dents
 
 MM = 1e3
@@ -71,14 +76,53 @@ def of_points(cloud: Cloud, error: NDArray, lit: NDArray[np.bool_]) -> Figures:
 
 
 def visible(scene: Scene, truth: GroundTruth) -> list[TrueDent]:
-    """True dents whose whole 10 % contour is lit, and in view."""
+    """True dents whose whole 10 % contour is lit, and in view; `merged` ones as one."""
+    panels = tuple(replace(panel, dents=merged(panel.dents)) for panel in scene.panels)
     shown = []
-    for true in true_dents(scene.surface):
+    for true in true_dents(Surface(panels)):
         pixels = np.rint(scene.rig.camera.project(true.outline) / STRIDE).astype(int)
         inside = (pixels >= 0).all() and (pixels < np.array(truth.lit.shape)[::-1]).all()
         if inside and truth.lit[pixels[:, 1], pixels[:, 0]].mean() > 0.99:
             shown.append(true)
     return shown
+
+
+@dataclass(frozen=True)
+class _Joint(Shape):
+    """Two dents as one: their heights over the largest, u and v in `scale` from the first one."""
+
+    dents: tuple[Dent, Dent]
+    scale: float
+    depth: float
+
+    def fraction(self, u: NDArray, v: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        x, y = self.dents[0].x + self.scale * u, self.dents[0].y + self.scale * v
+        height, along_x, along_y = np.add(*(dent.height(x, y) for dent in self.dents))
+        part = self.scale / self.depth
+        return height / self.depth, part * along_x, part * along_y
+
+
+def merged(dents: Sequence[Dent]) -> tuple[Dent, ...]:
+    """Dents of a panel, and two that no saddle parts as the one that they are.
+
+    Skin with one bottom has one dent: nothing tells which shapes it is the sum of. A saddle that
+    parts two rises above the lesser by `LEVEL` of its depth, as the docs say.
+    """
+    left = list(dents)
+    for one, other in combinations(dents, 2):
+        share = np.linspace(-0.25, 1.25, 601)
+        x, y = one.x + share * (other.x - one.x), one.y + share * (other.y - one.y)
+        depth = one.height(x, y)[0] + other.height(x, y)[0]
+        between = np.where((share >= 0) & (share <= 1), depth, np.inf)
+        saddle = int(np.argmin(between))
+        lesser = min(depth[: saddle + 1].max(), depth[saddle:].max())
+        if depth[saddle] > (1 - LEVEL) * lesser:
+            scale = math.hypot(one.x - other.x, one.y - other.y) + one.reach + other.reach
+            deepest = float(depth.max())
+            shape = _Joint((one, other), scale, deepest)
+            left = [dent for dent in left if dent not in (one, other)]
+            left.append(Dent(one.x, one.y, 2 * scale, 2 * scale, deepest, 0.0, shape))
+    return tuple(left)
 
 
 def of_dents(
@@ -92,17 +136,29 @@ def of_dents(
     The row and column of each true dent's centre is where its inspection says from which depth
     on dents are findable: of those deeper, and as wide as that is of, it counts the kinds.
     """
-    listed = [m for m in (*found.dents, *found.others) if m.kind != 'step']
-    reaches = [max(NEAREST, t.length / 2) for t in true]
+    # Of steps those all round something may be a flat dent: they are a word on it, no more.
+    every = (*found.dents, *found.others)
+    listed = [m for m in every if m.kind != 'step' or m.width.is_measured]
+    # A bump beside a dent, as a crater's rim, is not that dent.
+    alike = np.sign(np.multiply.outer([m.depth.value for m in listed], [t.depth for t in true]))
+    reaches = np.array([max(NEAREST, t.length / 2) for t in true]) * np.maximum(alike, 0)
     pairs = match_truth([m.position for m in listed], [t.position for t in true], reaches)
-    left = [m for i, m in enumerate(listed) if i not in pairs.values() and elsewhere(m)]
+    unmatched = (m for i, m in enumerate(listed) if i not in pairs.values())
+    left = [m for m in unmatched if m.kind != 'step' and elsewhere(m)]
     doubtful = sum(m.kind == 'other' for m in left)
     figures: Figures = {'false': len(left) - doubtful, 'doubtful': doubtful}
     if not true:
         return figures
-    figures['found'] = len(pairs) / len(true)
+    dents = {i: j for i, j in pairs.items() if listed[j].kind != 'step'}
+    figures['found'] = len(dents) / len(true)
+    several = [m for m in listed if 'may be several' in m.reason]
+
+    def word(dent: TrueDent) -> str:
+        apart = (np.linalg.norm(m.position - dent.position) - m.length.value / 2 for m in several)
+        return 'other' if min(apart, default=0) < 0 else ''
+
     findable = [
-        listed[pairs[i]].kind if i in pairs else ''
+        listed[pairs[i]].kind if i in pairs else word(dent)
         for i, (dent, at) in enumerate(zip(true, pixels, strict=True))
         if dent.depth > found.findable[at] and dent.width >= SmallestDent().smallest_width
     ]
@@ -111,7 +167,7 @@ def of_dents(
         shares = dented, len(findable) - dented - nothing, nothing
         names = 'findable_listed', 'findable_doubted', 'findable_missed'
         figures |= {n: s / len(findable) for n, s in zip(names, shares, strict=True)}
-    matched = [(listed[j], true[i]) for i, j in pairs.items()]
+    matched = [(listed[j], true[i]) for i, j in dents.items()]
     if matched:
         off = [abs(m.depth.value / t.depth - 1) for m, t in matched]
         figures['depth_off'] = float(np.median(off))

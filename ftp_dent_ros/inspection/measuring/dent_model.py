@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from ftp_dent_ros.dents.dent import Estimate
 from ftp_dent_ros.inspection.measuring.lattice import FEW, LEVEL
-from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
+from ftp_dent_ros.inspection.measuring.patch import Patch
 from ftp_dent_ros.inspection.measuring.sizes import Sizes
 
 # Eq. 18 at 10 % of its depth, as a part of its axes.
@@ -37,12 +37,12 @@ def dent_function(parameters: Field, x: Field, y: Field) -> Field:
     return np.asarray(depth * np.exp(1 - 1 / inside))
 
 
-def model_axes(patch: Patch, region: Mask | None, sizes: Sizes) -> tuple[Estimate, Estimate]:
+def model_axes(patch: Patch, sizes: Sizes) -> tuple[Estimate, Estimate]:
     """Full axes of the dent function that lies closest to a dent, the longer first.
 
-    Neighbours are left out. Not measured where the patch does not determine the function.
+    Not measured where the patch does not determine the function.
     """
-    cells = np.flatnonzero(patch.known if region is None else patch.known & region)
+    cells = np.flatnonzero(patch.known)
     cells = cells[np.linspace(0, len(cells) - 1, min(FEW, len(cells))).astype(int)]
     x, y, depth = (each.ravel()[cells] for each in (patch.x, patch.y, patch.depth))
     inverse = (2 * _OF_AXES / each.value for each in (sizes.length, sizes.width))

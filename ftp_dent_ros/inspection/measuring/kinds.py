@@ -34,7 +34,7 @@ AT_RIM = 4.0
 
 
 def kind_of(
-    sizes: Sizes, sign: int, resolution: float, settings: SmallestDent, overlaps: bool
+    sizes: Sizes, sign: int, resolution: float, settings: SmallestDent, shared: str
 ) -> tuple[str, str]:
     """Kind, and the reason where it is in doubt; an empty kind is too small to list.
 
@@ -46,8 +46,8 @@ def kind_of(
     resolution : float
         Wavelength of which half is left, metres; NaN if it is not known.
     settings : SmallestDent
-    overlaps : bool
-        Whether its outline ends at another dent.
+    shared : str
+        What is said of a dent that shares its place with others, or may do so.
     """
     depth, width, least = sizes.depth.value, sizes.width.value, settings.smallest_width
     surely = width + COVERAGE * sizes.width.uncertainty < least
@@ -82,4 +82,4 @@ def kind_of(
         return 'dent', f'cut by what was not measured ({100 * sizes.hidden:.0f} % of it)'
     if width < least:
         return 'dent', 'may be narrower than the smallest dent'
-    return 'dent', 'overlaps another one: its outline ends where they part' if overlaps else ''
+    return 'dent', shared

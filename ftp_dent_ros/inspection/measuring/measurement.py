@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
+from ftp_dent_ros.dents.dent import (
+    COVERAGE,
+    Estimate,
+    MeasuredDent,
+    SmallestDent,
+    orientation_of,
+)
 from ftp_dent_ros.inspection.measuring.contour import Contour
 from ftp_dent_ros.inspection.measuring.dent_model import model_axes
-from ftp_dent_ros.inspection.measuring.detection import Place
+from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
 from ftp_dent_ros.inspection.measuring.kinds import kind_of
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
-from ftp_dent_ros.inspection.measuring.noise import SURE
-from ftp_dent_ros.inspection.measuring.outline import CUT, part_above
-from ftp_dent_ros.inspection.measuring.patch import Mask, Patch, patch_of
+from ftp_dent_ros.inspection.measuring.noise import SURE, Map, smoothed
+from ftp_dent_ros.inspection.measuring.outline import CUT
+from ftp_dent_ros.inspection.measuring.patch import Patch, patch_of
 from ftp_dent_ros.inspection.measuring.segmentation import nearest
 from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
@@ -25,6 +33,8 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 _LEVELS = 32
 # Of a profile, in lengths of the dent.
 _PROFILE = np.linspace(-0.83, 0.83, 81)
+_OVERLAPS = 'overlaps another one: each is taken to be alike on both sides'
+_SEVERAL = 'may be several: what would part them is hardly more than noise'
 _NAN = Estimate(math.nan, math.nan)
 _NO_PROFILE = np.zeros((0, 2))
 
@@ -46,69 +56,87 @@ def measure(
     settings : SmallestDent
     """
     patch = patch_of(place, skin, lattice)
-    peaks = _peaks(patch, settings.smallest_depth)
-    sized = [
-        (sizes_of(patch, at, region, skin), region, overlaps)
-        for at, (region, overlaps) in zip(peaks, _divided(patch, peaks), strict=True)
-    ]
-    if not any(sizes for sizes, *_ in sized):
+    # As wide as the smallest dent, a mean does not fill the saddle between two of them.
+    scale = settings.smallest_width / TENTH
+    cells = scale / patch.step[0], scale / patch.step[1]
+    values = np.nan_to_num(smoothed(patch.depth, patch.known, cells))
+    peaks, several = _peaks(patch, values, skin.noise.after(scale, patch.usual))
+    sized = [(sizes_of(each, at, skin), each) for at, each in _parted(patch, values, peaks)]
+    if not any(sizes for sizes, _ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
+    shared = _SEVERAL if several else _OVERLAPS if len(peaks) > 1 else ''
     return [
-        _dent(place, sizes, region, kind, patch, skin)
-        for sizes, region, overlaps in sized
+        _dent(place, sizes, kind, each, skin)
+        for sizes, each in sized
         if sizes is not None
-        and (kind := kind_of(sizes, place.sign, patch.resolution, settings, overlaps))[0]
+        and (kind := kind_of(sizes, place.sign, patch.resolution, settings, shared))[0]
     ]
 
 
-def _peaks(patch: Patch, least: float) -> list[tuple[int, int]]:
+def _peaks(patch: Patch, values: Map, noise: NDArray) -> tuple[list[tuple[int, int]], bool]:
     """Rows and columns of the maxima that stand out from their saddles, the deepest first.
+
+    And whether one more may do so.
 
     Parameters
     ----------
     patch : Patch
-    least : float
-        Depth that a maximum has at least, metres.
+    values : ndarray, shape (rows, columns), float32
+        Its depths after a mean, metres.
+    noise : ndarray, shape ()
+        Of these, metres.
     """
-    values = np.where(patch.known, patch.depth, 0.0).astype(np.float32)
-    unsure = np.hypot(patch.strays, patch.doubt)
+    # Noise has many places to make a saddle; what was put back may be too much but once.
+    sure = np.hypot(SURE * noise, COVERAGE * patch.doubt)
+    likely = COVERAGE * np.hypot(noise, patch.doubt)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
-    at = np.argwhere((values == top) & patch.own & (values > least))
+    at = np.argwhere((values == top) & patch.own & (values > 0))
     order = np.argsort(-values[tuple(at.T)], kind='stable')
     at, heights = at[order], values[tuple(at[order].T)]
-    if len(at) < 2:
-        return [(int(row), int(column)) for row, column in at]
+    if not at[1:].size:
+        return [(int(row), int(column)) for row, column in at], False
     saddles = np.zeros((len(at), len(at)))
     step = float(heights[0]) / _LEVELS
     for level in step * np.arange(_LEVELS):
         _, labels = cv2.connectedComponents((values > level).view(np.uint8))
         place = labels[tuple(at.T)]
         saddles[(place[:, None] == place) & (place > 0)] = level
-    kept = [0]
+    kept, several = [0], False
     for index in range(1, len(at)):
         fall = heights[index] - saddles[index, kept].max() - step
-        if fall > max(LEVEL * heights[index], SURE * unsure[tuple(at[index])]):
-            kept.append(index)
-    return [(int(row), int(column)) for row, column in at[kept]]
+        if fall > LEVEL * heights[index]:
+            if fall > sure[tuple(at[index])]:
+                kept.append(index)
+            several |= bool(sure[tuple(at[index])] >= fall > likely[tuple(at[index])])
+    return [(int(row), int(column)) for row, column in at[kept]], several
 
 
-def _divided(patch: Patch, peaks: list[tuple[int, int]]) -> list[tuple[Mask | None, bool]]:
-    """Cells of each peak, divided where water would divide, and whether it overlaps another one.
+def _parted(
+    patch: Patch, values: Map, peaks: list[tuple[int, int]]
+) -> Iterator[tuple[tuple[int, int], Patch]]:
+    """Each peak, and the patch as it would be without the others.
 
-    It does if it is connected with that one above `LEVEL` of its depth.
+    A dent is as deep on one side of its peak as on the other: in this ratio they share what is
+    there (Lupton, The SDSS image deblender, 2005). Where that side is not known, or none claims
+    anything, it is divided where water would divide.
     """
-    if len(peaks) < 2:
-        return [(None, False) for _ in peaks]
     found = np.full(patch.depth.shape, -1, np.int32)
-    found[tuple(np.array(peaks).T)] = np.arange(len(peaks))
-    for depth in np.linspace(float(patch.depth.max()), 0.0, _LEVELS):
-        reached = patch.known & (patch.depth >= depth) & (found < 0)
-        found = np.where(reached, nearest(found), found)
-    around = [part_above(patch, peak, LEVEL * patch.depth[peak], None) for peak in peaks]
-    return [
-        (found == index, sum(bool(part[other]) for other in peaks) > 1)
-        for index, part in enumerate(around)
-    ]
+    for index, at in enumerate(peaks):
+        found[at] = index
+    for depth in np.linspace(float(values.max()), 0.0, _LEVELS):
+        found = np.where((values >= depth) * (found < 0), nearest(found), found)
+    rows, columns = np.indices(found.shape)
+    claims = []
+    for index, (row, column) in enumerate(peaks):
+        opposite, known = (
+            patch.at(each, 2 * column - columns, 2 * row - rows, cv2.INTER_NEAREST)
+            for each in (values, patch.known)
+        )
+        least = np.where(known, 1e-6, values) * (found == index)
+        claims.append(np.maximum(opposite * known, least))
+    total = np.maximum(sum(claims), 1e-12)
+    for at, claim in zip(peaks, claims, strict=True):
+        yield at, replace(patch, depth=np.float32(patch.depth * claim / total))
 
 
 def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
@@ -121,7 +149,6 @@ def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
 def _dent(
     place: Place,
     sizes: Sizes,
-    region: Mask | None,
     kind: tuple[str, str],
     patch: Patch,
     skin: Skin,
@@ -131,7 +158,7 @@ def _dent(
     feet, outward = contour.foot(*(np.append(each, each[0]) for each in (outline.x, outline.y)))
     (position,), (normal,) = contour.foot(*(np.array([each]) for each in outline.centre))
     axis = axis_along(contour, normal, outline.axis)
-    model_length, model_width = model_axes(patch, region, sizes)
+    model_length, model_width = model_axes(patch, sizes)
     turns = sizes.angle.value, sizes.angle.value + math.pi / 2
     lengthwise, crosswise = (
         _profile(patch, outline.centre, turn, sign, each.value)

@@ -78,16 +78,10 @@ class Noise:
         stated = self.stated if stated is None else stated
         return np.sqrt(alike * alike + np.square(ratio * stated))
 
-    def before(self, scale: float, stated: NDArray) -> NDArray:
-        """Of white noise that is as strong as this one after a Gaussian of `scale` metres.
+    def spectrum(self, square: NDArray, cell: float, stated: float) -> NDArray:
+        """Of each frequency, what there is in points: of white noise of the variance 1, metres.
 
-        Or of the widest that was measured.
-        """
-        scale = min(scale, self.scales[-1])
-        return self.after(scale, stated) / np.float32(_left(scale / self.window, self.fits))
-
-    def spectrum(self, square: NDArray, cell: float) -> NDArray:
-        """Of each frequency of white noise what there is in points of the variance 1.
+        As strong as a Gaussian mean finds it that has most of what it leaves there.
 
         Parameters
         ----------
@@ -95,10 +89,14 @@ class Noise:
             Half the square of angular frequencies, 1 / m^2.
         cell : float
             From one point to the next along both axes, m^2.
+        stated : float
+            By the cloud, metres.
         """
+        white = [self.after(s, stated) / _left(s / self.window, self.fits) for s in self.scales]
+        strength = np.interp(1 / (2 * np.sqrt(np.maximum(square, 1))), self.scales, white)
         variance = white_noise(0.0, self.fits)[0] / (4 * math.pi * self.window**2)
         passed = 1 - left_out(square * self.window**2, self.fits)
-        return passed / math.sqrt(variance * cell)
+        return strength * passed / math.sqrt(variance * cell)
 
     def significant(self, rate: float) -> float:
         """Standard deviations that noise passes in so many places a square metre, at all scales.

@@ -93,11 +93,9 @@ def is_cut(patch: Patch, outline: Outline) -> bool:
     return float(known[outline.inside & ~within].mean()) < 1 - CUT
 
 
-def part_above(patch: Patch, at: tuple[int, int], level: float, region: Mask | None) -> Mask:
+def part_above(patch: Patch, at: tuple[int, int], level: float) -> Mask:
     """What is connected with a cell and deeper than a level."""
     deep = (patch.depth > level) & patch.known
-    if region is not None:
-        deep &= region
     if not deep[at]:
         return np.zeros_like(deep)
     filled = deep.view(np.uint8)
@@ -105,9 +103,7 @@ def part_above(patch: Patch, at: tuple[int, int], level: float, region: Mask | N
     return filled == 2
 
 
-def find_outline(
-    patch: Patch, at: tuple[int, int], depth: float, wanted: float, region: Mask | None
-) -> Outline | None:
+def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float) -> Outline | None:
     """Outline at a part of the depth around a cell; None if there is none.
 
     Where noise would draw it, it is drawn where the depth stands out and carried on by as much as
@@ -123,12 +119,10 @@ def find_outline(
         There, metres.
     wanted : float
         Part of the depth whose outline is asked for.
-    region : ndarray, shape (rows, columns), bool, optional
-        Cells that it lies within.
     """
     noise = float(patch.strays[at])
     level = min(max(wanted, COVERAGE * noise / depth), _HIGHEST)
-    part = closed(part_above(patch, at, level * depth, region))
+    part = closed(part_above(patch, at, level * depth))
     if not part.any():
         return None
     least, most = 1.0, 1.0

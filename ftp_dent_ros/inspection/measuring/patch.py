@@ -13,13 +13,13 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
-from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
+from ftp_dent_ros.inspection.measuring.detection import Place
 from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
 from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Cells of a patch across a place at most, and a third of those across its window.
-_ACROSS = 32
+_ACROSS = 48
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
 #: Of what is put back: how far resolutions are off, as a part of it.
@@ -39,8 +39,9 @@ class Patch:
         Feet of the cells on the contour, metres.
     depth : ndarray
         In the direction of the place, smoothed, metres.
-    doubt : ndarray
-        Standard uncertainty of what was put back or filled, metres.
+    doubts : ndarray, shape (n, rows, columns)
+        Of what was put back or filled: as one standard deviation of each doubt moves the depths,
+        metres.
     strays : ndarray
         Standard deviation of the depths by noise, metres.
     passed : ndarray
@@ -50,6 +51,8 @@ class Patch:
         Where there are depths, and where they are filled.
     own : ndarray of bool
         Cells of the place.
+    usual : float
+        What the cloud states of its points beside the place, metres.
     step : tuple of 2 floats
         Between columns and between rows, metres.
     resolution : float
@@ -59,12 +62,13 @@ class Patch:
     x: Map
     y: Map
     depth: Map
-    doubt: Map
+    doubts: Map
     strays: Map
     passed: Map
     known: Mask
     over: Mask
     own: Mask
+    usual: float
     step: tuple[float, float]
     resolution: float
 
@@ -81,6 +85,11 @@ class Patch:
         columns, rows = (at @ self._to_cells).T
         measured = self.at(self.known & ~self.over, columns, rows, cv2.INTER_NEAREST) > 0.5
         return self.at(self.depth, columns, rows), measured
+
+    @cached_property
+    def doubt(self) -> Map:
+        """Standard uncertainty by all doubts together, metres."""
+        return np.asarray(np.linalg.norm(self.doubts, axis=0))
 
     @cached_property
     def _to_cells(self) -> Map:
@@ -101,9 +110,12 @@ class Patch:
         white = rng.standard_normal((pairs // 2, *self.depth.shape, 2), np.float32)
         spectra = self.passed * white.view(np.complex64)[..., 0]
         fields = scipy.fft.ifft2(spectra, norm='ortho')
-        for drawn in (*fields.real, *fields.imag):
-            doubt, offset = np.float32(rng.standard_normal(2) * (1.0, unsure))
-            half = (self.strays * drawn + doubt * self.doubt + offset) / 2
+        # Together the pairs draw each doubt with its variance, and no two of them alike.
+        offset = np.full((1, *self.depth.shape), unsure, np.float32)
+        doubts = np.concatenate([self.doubts, offset])
+        shares = np.linalg.qr(rng.standard_normal((pairs, len(doubts))))[0] * math.sqrt(pairs)
+        for drawn, share in zip((*fields.real, *fields.imag), np.float32(shares), strict=True):
+            half = (self.strays * drawn + np.tensordot(share, doubts, 1)) / 2
             yield replace(self, depth=self.depth + half)
             yield replace(self, depth=self.depth - half)
 
@@ -167,7 +179,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
     window, fits = lattice.windows(own, OF_WAVES)
     is_stated = lattice.resolution is not None
-    depth, doubt = _restored(depth, known, (window / step[0], window / step[1]), fits, is_stated)
+    depth, doubts = _restored(depth, known, (window / step[0], window / step[1]), fits, is_stated)
     bridged, unsure, gaps = (
         np.asarray(cv2.resize(spread(np.float32(each), cv2.INTER_LINEAR), known.shape[::-1]))
         for each in skin.bridged
@@ -175,21 +187,24 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     over = (gaps > 0) & ~known
     # What the cloud doubts beyond the noise beside the place is alike all over it.
     around = stated[known & ~owned]
-    usual = np.float32(median_of(around if len(around) else stated.ravel()))
+    usual = median_of(around if len(around) else stated.ravel())
     beyond = np.maximum(stated * stated - usual * usual, 0)
-    white = skin.noise.before(max(scale, width / TENTH), np.minimum(stated, usual))
-    passed = _passed(known.shape, step, skin.noise, scale, (window, fits if is_stated else 0))
+    gap_doubt = np.sqrt(np.where(over, unsure, np.float32(0)) ** 2 + beyond)
+    share = skin.noise.after(scale, np.minimum(stated, usual)) / skin.noise.after(scale, usual)
+    restored = window, fits if is_stated else 0
+    passed = _passed(known.shape, step, (skin.noise, usual), scale, restored)
     level = math.sqrt(np.square(passed).mean())
     return Patch(
         x,
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, np.float32(0))),
-        np.sqrt(doubt**2 + np.where(over, unsure, np.float32(0)) ** 2 + beyond),
-        white * level,
+        np.stack([*doubts, gap_doubt]).astype(np.float32),
+        np.float32(share * level),
         passed / level,
         known | over,
         over,
         owned,
+        usual,
         step,
         window * halved(fits) if is_stated else math.nan,
     )
@@ -246,8 +261,8 @@ def _taken(values: Map, known: Mask, sigma: tuple[float, float], fits: int) -> M
 
 def _restored(
     depth: Map, known: Mask, sigma: tuple[float, float], fits: int, is_stated: bool
-) -> tuple[Map, Map]:
-    """Depths with what the reconstruction smoothed away, and how far that is in doubt.
+) -> tuple[Map, list[Map]]:
+    """Depths with what the reconstruction smoothed away, and what of that is in doubt.
 
     What the windows leave out of the surface as it is was left out of it before, but for what is
     finer; the same of that again is the next order, and bounds the rest (the Neumann series of
@@ -256,15 +271,15 @@ def _restored(
     """
     first = _taken(depth, known, sigma, fits)
     if not is_stated:
-        return depth, np.abs(first)
+        return depth, [first]
     second = _taken(first, known, sigma, fits)
-    return depth + first + second, np.hypot(DOUBT * first, second)
+    return depth + first + second, [DOUBT * first, second]
 
 
 def _passed(
     shape: tuple[int, ...],
     step: tuple[float, float],
-    noise: Noise,
+    noise: tuple[Noise, float],
     scale: float,
     restored: tuple[float, int],
 ) -> Map:
@@ -275,4 +290,4 @@ def _passed(
     taken = left_out(square * restored[0] ** 2, restored[1]) if restored[1] else 0.0
     raised = 1 + taken + taken * taken
     smooth = 1 - left_out(square * scale**2, 2)
-    return np.float32(noise.spectrum(square, math.prod(step)) * smooth * raised)
+    return np.float32(noise[0].spectrum(square, math.prod(step), noise[1]) * smooth * raised)

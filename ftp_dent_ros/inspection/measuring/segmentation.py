@@ -12,7 +12,14 @@ from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, fit_contour
 from ftp_dent_ros.inspection.measuring.gaps import gaps_of
 from ftp_dent_ros.inspection.measuring.lattice import ENOUGH, LEAST, LEVEL, TOGETHER, WIDE, Lattice
-from ftp_dent_ros.inspection.measuring.noise import Map, Mask, median_of, rough_noise, smoothed
+from ftp_dent_ros.inspection.measuring.noise import (
+    SURE,
+    Map,
+    Mask,
+    median_of,
+    rough_noise,
+    smoothed,
+)
 from ftp_dent_ros.robust import fitted
 
 # Part of a skin, or of its rim, that strays before no contour explains it: dents are fewer.
@@ -149,7 +156,7 @@ class _Split:
             noise = max(rough_noise(deviation, part), self._finest / 2)
             if noise > self._finest:
                 contour, deviation = self._depths(part, noise)
-            tolerance = 5 * max(noise, self._finest)
+            tolerance = SURE * max(noise, self._finest)
             smooth = np.nan_to_num(smoothed(deviation, part, (1.0, 1.0)))
             left = part.copy()
             for rest in _parts(part & (np.abs(smooth) > tolerance), self.least):
@@ -179,7 +186,9 @@ class _Split:
         steepest = cv2.dilate(np.where(measured, rise, np.float32(0)), np.ones((7, 7), np.uint8))
         border = _grown(rest, 1) & ~rest & measured
         height = median_of(np.abs(deviation[core]))
-        if border.any() and np.quantile(steepest[border], share) < least * height:
+        # Noise that is not negligible rises by itself.
+        wanted = least * height + tolerance - SURE * self._finest
+        if border.any() and np.quantile(steepest[border], share) < wanted:
             return None
         # On most of it one plane lies beside the contour.
         rows, columns = np.nonzero(core)

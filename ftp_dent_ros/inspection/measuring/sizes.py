@@ -70,7 +70,7 @@ class Sizes:
     shown: float
 
 
-def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin) -> Sizes | None:
+def sizes_of(patch: Patch, at: tuple[int, int], skin: Skin) -> Sizes | None:
     """Measure what lies around a cell of a patch; None if it has no outline.
 
     Parameters
@@ -78,22 +78,20 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     patch : Patch
     at : (int, int)
         Row and column of the deepest cell.
-    region : ndarray, shape (rows, columns), bool, optional
-        Cells that are this dent's.
     skin : Skin
     """
-    measured = _measured(patch, at, region)
+    measured = _measured(patch, at)
     if measured is None:
         return None
     values, outline = measured
     # The patch's own shape, by the depth that it has.
     high = float(values[0])
-    radius, half = _radius(patch, outline, at, high), find_outline(patch, at, high, 0.5, region)
+    radius, half = _radius(patch, outline, at, high), find_outline(patch, at, high, 0.5)
     # Of what the rim cuts, the skin is known on one side: as in a hole that is twice as wide.
     cut = is_cut(patch, outline)
     wide = (1 + cut) * outline.width
     unsure = skin.uncertainty(*outline.centre, wide)
-    again = [_measured(each, at, region) for each in patch.with_noise(_PAIRS, unsure)]
+    again = [_measured(each, at) for each in patch.with_noise(_PAIRS, unsure)]
     drawn = np.array([each[0] for each in again if each is not None])
     if len(drawn) < _PAIRS:
         return None
@@ -129,17 +127,15 @@ def sizes_of(patch: Patch, at: tuple[int, int], region: Mask | None, skin: Skin)
     )
 
 
-def _measured(
-    patch: Patch, at: tuple[int, int], region: Mask | None
-) -> tuple[NDArray[np.float64], Outline] | None:
+def _measured(patch: Patch, at: tuple[int, int]) -> tuple[NDArray[np.float64], Outline] | None:
     """Depth, length, width, angle, area and volume; and the outline."""
     high = float(patch.depth[at])
     if not high > 0:
         return None
-    # What noise may have made shallower than the deepest, down to half of it.
-    surely = max(high - SURE * float(patch.strays[at]), high / 2)
-    depth = _bottom(patch, part_above(patch, at, surely, region))
-    outline = find_outline(patch, at, depth, LEVEL, region)
+    # What noise may have made shallower than the deepest, and that deeper, down to half of it.
+    surely = max(high - 2 * SURE * float(patch.strays[at]), high / 2)
+    depth = _bottom(patch, part_above(patch, at, surely))
+    outline = find_outline(patch, at, depth, LEVEL)
     if outline is None or not outline.inside.any():
         return None
     mean = float(patch.depth[outline.inside].mean())
@@ -149,10 +145,11 @@ def _measured(
 
 
 def _bottom(patch: Patch, cap: Mask) -> float:
-    """Largest depth of a quadric through the cap."""
+    """Largest depth of a surface of the fourth degree through the cap."""
     rows, columns = np.nonzero(cap)
-    u, v = columns - columns.mean(), rows - rows.mean()
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    reach = max(cap.shape)
+    u, v = (columns - columns.mean()) / reach, (rows - rows.mean()) / reach
+    terms = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)])
     weighted = terms / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
     found = np.linalg.lstsq(weighted @ terms.T, weighted @ patch.depth[cap], rcond=None)[0]
     return float((found @ terms).max())

@@ -19,6 +19,7 @@ from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.robust import deviation, median
 
 _PLATE = 'all round a plate that lies on the skin, as a doubler or a patch'
+_SUNK = 'all round what lies flat below the skin: a dent, or another skin in an opening'
 _NAN = Estimate(math.nan, math.nan)
 
 Mask = NDArray[np.bool_]
@@ -136,7 +137,7 @@ def _around(step: MeasuredDent, lattice: Lattice, panel: Segment, plate: Segment
     corners = cv2.boxPoints((middle, (sides[0] + cell, sides[1] + cell), degrees)).astype(float)
     return replace(
         step,
-        reason=_PLATE,
+        reason=_SUNK if median(depth) > 0 else _PLATE,
         position=position,
         normal=normal,
         axis=axis,
