@@ -23,7 +23,7 @@ from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR, VehicleSettings
 from ftp_dent_ros.parameters import Declarations, flat
 from ftp_dent_ros.pattern.file import read_pattern
 from ftp_dent_ros.pattern.pattern import CODES, Pattern
-from ftp_dent_ros.profilometry.settings import METHODS, UNWRAPPINGS, Settings
+from ftp_dent_ros.profilometry.settings import METHODS, TAU, UNWRAPPINGS, Settings
 from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.supervision.configuration import NodeEntry
 from ftp_dent_ros.supervision.executables import SIMULATED_AUTOPILOT
@@ -327,13 +327,13 @@ class ReconstructionSettings:
         Settings.method, 'How the phase is computed.', choices=tuple(METHODS), changeable=True
     )
     unwrapping: str = setting(
-        Settings().unwrapper[0],
+        UNWRAPPINGS[0],
         'How the Fourier methods unwrap the phase.',
         choices=tuple(UNWRAPPINGS),
         changeable=True,
     )
     tau: float = setting(
-        Settings().unwrapper[1],
+        TAU,
         "Gain of Estrada's unwrapping.",
         above=0.0,
         maximum=1.0,

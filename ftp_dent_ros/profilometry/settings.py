@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from ftp_dent_ros.errors import ConfigurationError
-from ftp_dent_ros.profilometry.unwrapping import TAU
 
 UNWRAPPINGS = ('itoh', 'estrada')
+#: Usual gain of Estrada's system.
+TAU = 0.8
 # The options that each method has.
 METHODS = {
     'least-squares': (),
@@ -85,8 +86,3 @@ class Settings:
         if used.get('unwrapping') != 'estrada':
             used.pop('tau', None)
         return cls(method, stride=stride, **used)
-
-    @property
-    def unwrapper(self) -> tuple[str, float]:
-        """Unwrapping and gain, with their defaults."""
-        return self.unwrapping or 'itoh', TAU if self.tau is None else self.tau

@@ -1,20 +1,18 @@
 """From wrapped to continuous phase within a region, run by run along the rows.
 
-Each row's unbroken runs are unwrapped from one end to the other, by Itoh's integration or by
-Estrada's first-order system; then neighbouring rows are tied by the whole fringe that most of
-their common columns vote for. Nothing is carried through pixels outside the region, and parts
-that no vote ties together stay apart, each with its own label.
+Each row's unbroken runs are integrated from one end to the other; then neighbouring rows are tied
+by the whole fringe that most of their common columns vote for. Nothing is carried through pixels
+outside the region, and parts that no vote ties together stay apart, each with its own label.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: Usual gain of Estrada's system.
-TAU = 0.8
 _TURN = np.float32(2 * np.pi)
 
 
@@ -42,9 +40,8 @@ def wrap(phase: NDArray) -> NDArray:
 def unwrap(
     wrapped: NDArray[np.float32],
     region: NDArray[np.bool_],
-    unwrapping: str = 'itoh',
-    tau: float = TAU,
     jump: float = np.pi,
+    integrate: Callable[..., NDArray[np.float32]] | None = None,
 ) -> Unwrapped:
     """Unwrap a phase map within a region.
 
@@ -54,12 +51,12 @@ def unwrap(
         Radians, within [-pi, pi].
     region : ndarray, shape (rows, columns), bool
         Where the phase means something.
-    unwrapping : {'itoh', 'estrada'}
-    tau : float
-        Gain of Estrada's system, in (0, 1].
     jump : float
         Pixels one above the other whose phases differ by more than this, but for whole turns
         and the fringes' common inclination, are on different surfaces and tie no rows; radians.
+    integrate : callable, optional
+        Gives the phase, continuous along each run of the rows, of the wrapped one and the region:
+        Itoh's integration unless given.
 
     Returns
     -------
@@ -67,19 +64,15 @@ def unwrap(
 
     References
     ----------
-    K. Itoh, Appl. Opt. 21, 2470 (1982). J. C. Estrada, M. Servin, J. A. Quiroga, Opt. Express
-    19, 5126 (2011).
+    K. Itoh, Appl. Opt. 21, 2470 (1982).
     """
     if not region.any():
         return Unwrapped(np.zeros_like(wrapped), np.full(region.shape, -1, np.int32))
-    along = _itoh(wrapped, region) if unwrapping == 'itoh' else _estrada(wrapped, region, tau)
+    along = (integrate or _itoh)(wrapped, region)
     run = np.cumsum(_begins(region), dtype=np.int32).reshape(region.shape) - 1
     turns, part = _tie_runs(along, run, region, jump)
-    if turns.any() or part.any():
-        phase, label = along + _TURN * turns[run], part[run]
-    else:
-        phase, label = along, np.zeros_like(run)
-    return Unwrapped(phase * region, np.where(region, label, -1))
+    phase = along + _TURN * turns[run]
+    return Unwrapped(phase * region, np.where(region, part[run], -1))
 
 
 def _itoh(wrapped, region):
@@ -98,28 +91,6 @@ def _begins(region):
     begins = region.copy()
     begins[:, 1:] &= ~region[:, :-1]
     return begins
-
-
-def _estrada(wrapped, region, tau):
-    """Estrada's system, phi_n = phi_n-1 + tau W[psi_n - phi_n-1], there and back.
-
-    A first-order system lags behind a slope; the way back lags to the other side, and the mean
-    of both does not.
-    """
-    psi = np.ascontiguousarray(wrapped.T)
-    inside = np.ascontiguousarray(region.T)
-    there = np.empty_like(psi)
-    phi, was_inside = psi[0], np.zeros(len(region), bool)
-    for column in range(len(psi)):
-        phi = np.where(was_inside, phi + tau * wrap(psi[column] - phi), psi[column])
-        there[column], was_inside = phi, inside[column]
-    mean = np.empty_like(psi)
-    was_inside = np.zeros(len(region), bool)
-    for column in range(len(psi) - 1, -1, -1):
-        forth = there[column]
-        phi = np.where(was_inside, phi + tau * wrap(psi[column] - phi), psi[column])
-        mean[column], was_inside = forth + wrap(phi - forth) / 2, inside[column]
-    return np.ascontiguousarray(mean.T)
 
 
 def _tie_runs(along, run, region, jump):

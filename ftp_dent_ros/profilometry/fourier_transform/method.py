@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from ftp_dent_ros.profilometry.fourier_transform.carrier import (
     plane_through,
 )
 from ftp_dent_ros.profilometry.fourier_transform.demodulation import demodulate
+from ftp_dent_ros.profilometry.fourier_transform.estrada import estrada
 from ftp_dent_ros.profilometry.fourier_transform.fourier import phase_of
 from ftp_dent_ros.profilometry.fourier_transform.reference import (
     extend,
@@ -33,7 +34,7 @@ from ftp_dent_ros.profilometry.fourier_transform.reference import (
 from ftp_dent_ros.profilometry.fourier_transform.region import Window, clipped, lit_region, trusted
 from ftp_dent_ros.profilometry.fourier_transform.stripe import Stripe, find_stripe
 from ftp_dent_ros.profilometry.measurement import Measurement
-from ftp_dent_ros.profilometry.settings import Settings
+from ftp_dent_ros.profilometry.settings import TAU, Settings
 from ftp_dent_ros.profilometry.triangulation import triangulate
 from ftp_dent_ros.profilometry.unwrapping import unwrap
 from ftp_dent_ros.rig.rig import Rig
@@ -99,7 +100,10 @@ class FourierTransform:
             wrapped, start = phase_shift(fringes, reference, carrier), reference
         else:
             wrapped, start = phase_of(fringes), np.float32(0)
-        unwrapped = unwrap(wrapped, valid, *self.settings.unwrapper, _JUMP)
+        integrate = None
+        if self.settings.unwrapping == 'estrada':
+            integrate = partial(estrada, tau=self.settings.tau or TAU)
+        unwrapped = unwrap(wrapped, valid, _JUMP, integrate)
         relative = start + unwrapped.phase
         turns = fringe_order(
             relative,
