@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 #: So many pass as much as the rounds of the solver do: of noise; and of waves on the skin, which
 #: level and contrast of the light follow in part, so that bottoms of narrow dents of four shapes
 #: come out within 2 % by it.
-OF_NOISE, OF_WAVES = 7, 2
+OF_NOISE, OF_WAVES = 5, 2
 
 
 def left_out(square: NDArray[np.floating], fits: int) -> NDArray[np.floating]:

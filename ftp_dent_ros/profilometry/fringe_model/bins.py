@@ -149,20 +149,20 @@ class BinGrid:
         """Means of bins under the windows about the nodes; there is nothing beyond the image."""
         return self.smooth_nodes(self.at_nodes(bins), WIDTH)
 
-    def smooth_nodes(self, nodes: NDArray[np.float32], fringes: float) -> NDArray[np.float32]:
-        """Gaussian of so many fringes over values at the nodes."""
-        sigmas = fringes * self.fringe[0] / self.node, fringes * self.fringe[1]
-        size = nodes.shape[::-1]
+    def smooth_nodes(
+        self, nodes: NDArray[np.float32], fringes: float, along_v: float | None = None
+    ) -> NDArray[np.float32]:
+        """Gaussian of so many fringes over values at the nodes; of others along v if given."""
+        size, both = nodes.shape[::-1], (fringes, fringes if along_v is None else along_v)
+        sigma_u, sigma_v = both[0] * self.fringe[0] / self.node, both[1] * self.fringe[1]
         # Wide Gaussians see no more on a coarser grid: there twice as wide as the windows.
-        coarse = int(fringes / (2 * WIDTH))
-        if coarse <= 1:
-            return _gaussian(nodes, *sigmas)
-        small = tuple(-(-n // coarse) for n in size)
-        few: Any = cv2.resize(nodes, small, interpolation=cv2.INTER_AREA)
-        sigma_u, sigma_v = (s * m / n for s, m, n in zip(sigmas, small, size, strict=True))
-        smooth: Any = cv2.resize(
-            _gaussian(few, sigma_u, sigma_v), size, interpolation=cv2.INTER_LINEAR
-        )
+        coarse = [max(int(each / (2 * WIDTH)), 1) for each in both]
+        if coarse == [1, 1]:
+            return _gaussian(nodes, sigma_u, sigma_v)
+        columns, rows = (-(-n // each) for n, each in zip(size, coarse, strict=True))
+        few: Any = cv2.resize(nodes, (columns, rows), interpolation=cv2.INTER_AREA)
+        few = _gaussian(few, sigma_u * columns / size[0], sigma_v * rows / size[1])
+        smooth: Any = cv2.resize(few, size, interpolation=cv2.INTER_LINEAR)
         return smooth
 
     def around(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -260,8 +260,10 @@ def wider_than_windows(nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _gaussian(values: Any, sigma_u: float, sigma_v: float) -> Any:
     """Gaussian, beyond whose values there is nothing."""
+    # OpenCV takes the size for 0 from the deviation.
+    size = int(not sigma_u), int(not sigma_v)
     return cv2.GaussianBlur(
-        values, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_CONSTANT
+        values, size, sigmaX=sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_CONSTANT
     )
 
 

@@ -1,38 +1,34 @@
 """Wiener's gain of each octave of the phase, against the noise that the fringes' contrast shows.
 
 What dirt, speckle, grain and pixels add near the carrier shifts the fringes and changes their
-contrast alike; the skin's shape shifts them only. So the contrast's logarithm, octave by octave,
-measures the phase's noise (eq. 8), and energy beyond it is the skin's shape.
+contrast; the skin's shape shifts them only. So the contrast's logarithm measures the phase's noise
+(eq. 8), and energy beyond it is the skin's shape.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import fdtri
 
-from ftp_dent_ros.cloud.response import OF_NOISE, left_out, squares, white_noise
+from ftp_dent_ros.cloud.response import OF_NOISE, left_out
 from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, BinGrid
 
 # Octaves: the widest window is 16 fringes, beyond which a quadric follows the skin.
 _OCTAVES = 5
 # Windows that an energy is the mean of, about.
 _COUNT = 7
-# Energy over the contrast's that shows the skin's shape: noise has it in one place of a thousand.
-_SHOWN = np.float32(chdtri(_COUNT, 1e-3) / _COUNT)
-# Phase noise of white dirt over the contrast's: 1.8 to 2.4 for fringes of contrast 0.8 to 1.
-_OF_DIRT = 2.0
-# Widths of windows over which noise is a mean: 9 windows count. Energy is the mean over one.
+# Widths of windows over which noise is a mean: 9 times as many count. Energy is the mean over one.
 _AVERAGED = 3.0
-# Energy over the noise's from which on the rest may be the skin's shape, at a place and all
-# around: two standard deviations.
-_STRAYS, _AROUND = (
-    np.float32(1 + 2 * math.sqrt(2 / count)) for count in (_COUNT, _COUNT * _AVERAGED**2)
+# Energy over the noise's that shows the skin's shape, which noise has in one place of 10,000; and
+# that is shape if the next octave's shape is stronger than this noise: in one place of 20.
+_SHOWN, _STRAYS = (
+    np.float32(fdtri(_COUNT, _COUNT * _AVERAGED**2, 1 - each)) for each in (1e-4, 0.05)
 )
 
 
@@ -62,6 +58,7 @@ def denoise(
     grid: BinGrid,
     phase: NDArray[np.float32],
     changes: Sequence[NDArray[np.float32]],
+    ratios: Sequence[NDArray[np.float32]],
     mask: NDArray[np.float32],
     posterior: NDArray[np.float32],
 ) -> Denoised:
@@ -75,114 +72,163 @@ def denoise(
     changes : sequence of ndarray, shape (rows, nodes)
         Logarithms of the amplitude over the level, and of the amplitude, about quadrics. Paint
         changes the latter only, ambient light the former; noise changes both.
+    ratios : sequence of ndarray, shape (rows, nodes)
+        Variance of the phase over theirs, in noise that light has.
     mask : ndarray, shape (rows, nodes), float32
         1 on the surface, else 0.
     posterior : ndarray, shape (rows, nodes), float32
         Variance of the phase in one window by what the fit leaves, radians^2: noise is no less.
     """
     mean, white = _Means(grid, mask), _white_noise()
-    low, lows = phase * mask, [each * mask for each in changes]
-    kept, variance, noise, whole = (np.zeros_like(phase) for _ in range(4))
-    finest = np.ones_like(phase)
-    for octave in range(_OCTAVES):
-        width = WIDTH * 2**octave
-        smooth, *smooths = (mean.flat_top(x, width) for x in (low, *lows))
-        detail = (low - smooth) * mask
-        details = [(x - s) * mask for x, s in zip(lows, smooths, strict=True)]
-        contrast, amplitude = (mean.variance(x, _AVERAGED * width) for x in details)
-        contrast, amplitude = (
-            np.maximum(x, white.energy[octave] * posterior) for x in (contrast, amplitude)
-        )
-        before, noise = noise, np.minimum(np.float32(_OF_DIRT) * contrast, amplitude)  # eq. 8
-        if octave:  # dirt is white along u, trends of light are not
-            noise = np.minimum(noise, white.energy[octave] / white.energy[octave - 1] * before)
-        part = white.share[octave] * noise
-        whole = whole + part
-        energy = mean.of(detail * detail, width)
-        change = np.minimum(contrast, amplitude)
-        # Where there is shape all around, more of it is likelier than twice the change.
-        around = mean.of(detail * detail, _AVERAGED * width)
-        change = np.where(around > _AROUND * noise, change, np.maximum(noise, change))
-        signal = np.where(energy > _STRAYS * noise, energy - noise, 0)
-        taken = change / np.maximum(energy, np.float32(1e-12))
-        gain = np.where(taken < 1 / _SHOWN, 1 - taken, 0)  # eq. 9
-        gain = mean.of(gain, WIDTH * width)
-        kept = kept + gain * detail
-        variance = variance + gain * gain * part + np.square(1 - gain) * signal  # eq. 10
-        if not octave:  # windows miss as much of dents three fringes wide
-            variance = variance + signal
-        finest = finest if octave else gain
-        low, lows = smooth, smooths
+    noises = _noises(mean, [each * mask for each in changes], ratios, posterior)
     # At rims the widest windows are cut.
-    beyond = white.beyond * noise / np.square(mean.share(width))
+    beyond = white.beyond * noises[-1]
+    beyond /= mean.share(WIDTH * 2 ** (_OCTAVES - 1))
+    details, kept = _octaves(mean, phase * mask)
+    variance, whole, coarser = (np.zeros_like(phase) for _ in range(3))
+    for octave in reversed(range(_OCTAVES)):
+        width, detail, noise = WIDTH * 2**octave, details.pop(), noises.pop()
+        part = white.share[octave] * noise
+        whole += part
+        energy = mean.of(detail * detail, width)
+        strays = energy > _STRAYS * noise
+        signal = np.where(strays, energy - noise, 0)
+        has_shape = (energy > _SHOWN * noise) | (strays & (coarser > noise))
+        coarser = np.where(has_shape, energy - noise, 0)
+        gain = mean.of(coarser / np.maximum(energy, np.float32(1e-12)), WIDTH * width)  # eq. 9
+        kept += gain * detail
+        variance += gain * gain * part + np.square(1 - gain) * signal  # eq. 10
+    # Windows miss as much of dents three fringes wide.
+    variance = variance + signal
     # So are those of the fit.
-    whole = (whole + beyond) / np.square(mean.share(WIDTH))
-    return Denoised((kept + low) * mask, variance + beyond, finest, whole)
+    whole = (whole + beyond) / mean.share(WIDTH)
+    return Denoised(kept * mask, variance + beyond, gain, whole)
+
+
+def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
+    """Details of values in the octaves, from the finest on, and what is beyond them."""
+    details = []
+    for octave in range(_OCTAVES):
+        smooth = mean.flat_top(low, WIDTH * 2**octave)
+        details.append((low - smooth) * mean.mask)
+        low = smooth
+    return details, low
+
+
+def _noises(mean: _Means, changes, ratios, posterior) -> list[NDArray[np.float32]]:
+    """Energy of the phase's noise in the octaves, by changes of contrast and amplitude (eq. 8)."""
+    noises: list[NDArray[np.float32]] = []
+    for octave, energy in enumerate(_white_noise().energy):
+        shown = (r * _shown(mean, octave, x) for r, x in zip(ratios, changes, strict=True))
+        noises.append(np.maximum(np.minimum(*shown), energy * posterior))
+        if octave:
+            changes = [mean.flat_top(each, WIDTH * 2 ** (octave - 1)) for each in changes]
+    return noises
+
+
+def _shown(mean: _Means, octave: int, change: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Energy of an octave's noise in a change without what is finer than the octave before.
+
+    Dirt is white along u from one octave to the next, trends of light are not: each octave but
+    the finest follows from the one before along u.
+    """
+    width = WIDTH * 2**octave
+    if not octave:
+        return mean.variance(change - mean.flat_top(change, width), _AVERAGED * width)
+    before = mean.of(change, 0, width / 2)
+    both = before, mean.of(before, 0, width)
+    fine = (mean.variance(x - mean.of(x, width / 2, 0), _AVERAGED * width) for x in both)
+    return _white_noise().of_fine(octave, *fine)
 
 
 @dataclass(frozen=True)
 class _WhiteNoise:
-    """White noise of the light, as the phase has it in each octave.
+    """Noise of the light, white along u, as the phase has it in each octave.
 
     Attributes
     ----------
-    energy : tuple of float32
-        Mean square over the variance in one window.
-    share : tuple of float32
+    energy : ndarray, shape (octaves,)
+        Mean square over the variance in one window, of noise that is white along v, too.
+    share : ndarray, shape (octaves,)
         What the variance loses with the octave, over that: neighbouring octaves are correlated.
     beyond : float32
         Variance beyond the widest window, over the last octave's energy.
+    fine : ndarray, shape (octaves, 2)
+        Weights of what is in the octave before along u, and smooth along v as that octave, and as
+        this one: right for noise that is white along v, and for noise that is even there.
     """
 
-    energy: tuple[np.float32, ...]
-    share: tuple[np.float32, ...]
+    energy: NDArray[np.float32]
+    share: NDArray[np.float32]
     beyond: np.float32
+    fine: NDArray[np.float32]
+
+    def of_fine(self, octave: int, before, after) -> NDArray[np.float32]:
+        """Energy of an octave by that of what is fine along u (eq. 8)."""
+        of_before, of_after = self.fine[octave]
+        return of_before * before + of_after * np.minimum(after, before)
 
 
 @cache
 def _white_noise() -> _WhiteNoise:
-    square, step = squares()
-    left = 1 - left_out(square, OF_NOISE)
-    energy, after = [], [white_noise()[0]]
+    """What windows pass of noise, by its frequency along u and v."""
+    step = 0.01
+    frequency = np.arange(step / 2, 5, step)
+    along_u, along_v = np.square(frequency) / 2, np.square(frequency[:, None]) / 2
+    square = along_u + along_v
+    left = before = 1 - left_out(square, OF_NOISE)
+    # Both of noise that is white along v, and of noise that is even there.
+    energy, after, weights = [], [_energies(left)], []
     for octave in range(_OCTAVES):
-        detail = left_out(square * 4**octave, 2)
-        # Over a window's, which is a half.
-        energy.append(2 * step * np.square(left * detail).sum())
-        left = left * (1 - detail)
-        after.append(2 * step * np.square(left).sum())
-    lost = -np.diff(after) / energy
+        detail = left * left_out(square * 4**octave, 2)
+        energy.append(_energies(detail))
+        fine = before * left_out(along_u * 4 ** (octave - 1), 1)
+        fine = fine * np.exp(-along_v * 4 ** (octave - 1))
+        of_fine = np.column_stack(
+            [_energies(fine), _energies(fine * np.exp(-along_v * 4**octave))]
+        )
+        weights.append(np.linalg.solve(of_fine, energy[-1]))
+        left, before = left - detail, left
+        after.append(_energies(left))
+    # A window's own, in the same unit.
+    window = _energies(np.exp(-square))[0]
+    of_white, lost = np.array(energy)[:, 0], -np.diff(np.array(after)[:, 0])
     return _WhiteNoise(
-        tuple(np.float32(each) for each in energy),
-        tuple(np.float32(each) for each in lost),
-        np.float32(after[-1] / energy[-1]),
+        (of_white / window).astype(np.float32),
+        (lost / of_white).astype(np.float32),
+        np.float32(after[-1][0] / of_white[-1]),
+        np.array(weights, np.float32),
     )
+
+
+def _energies(passed: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Mean square of white noise, and of noise that is even along v."""
+    return np.array([np.square(passed).mean(), np.square(passed[0]).mean()])
 
 
 class _Means:
     """Gaussian means of values at the nodes of a surface."""
 
     def __init__(self, grid: BinGrid, mask: NDArray[np.float32]) -> None:
-        self._grid, self._mask = grid, mask
-        self._shares: dict[float, NDArray[np.float32]] = {}
+        self._grid, self.mask = grid, mask
+        self._shares: dict[Any, NDArray[np.float32]] = {}
 
-    def share(self, fringes):
+    def share(self, *fringes):
         """Share of the surface in windows of so many fringes."""
         if fringes not in self._shares:
-            self._shares[fringes] = self._share_of(self._mask, fringes)
+            share = self._grid.smooth_nodes(self.mask, *fringes)
+            self._shares[fringes] = np.maximum(share, np.float32(1e-3))
         return self._shares[fringes]
 
-    def of(self, values, fringes):
+    def of(self, values, *fringes):
         """Mean over so many fringes."""
-        return self._grid.smooth_nodes(values * self._mask, fringes) / self.share(fringes)
+        return self._grid.smooth_nodes(values * self.mask, *fringes) / self.share(*fringes)
 
-    def flat_top(self, values, fringes):
+    def flat_top(self, values, *fringes):
         """The mean, and the mean of what it leaves: slopes and bends pass."""
-        mean = self.of(values, fringes)
-        return mean + self.of(values - mean, fringes)
+        mean = self.of(values, *fringes)
+        return mean + self.of(values - mean, *fringes)
 
     def variance(self, change, fringes):
         """Mean square of a Gaussian change, by its mean absolute value: edges count less."""
         return np.float32(np.pi / 2) * np.square(self.of(np.abs(change), fringes))
-
-    def _share_of(self, weight, fringes):
-        return np.maximum(self._grid.smooth_nodes(weight, fringes), np.float32(1e-3))

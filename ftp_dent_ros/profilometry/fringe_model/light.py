@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from ftp_dent_ros.photograph.photograph import FULL, Photograph
-from ftp_dent_ros.profilometry.fringe_model.bins import BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, BinGrid
 
 # Shares of red, green and blue in luma (ITU-R BT.601), and in the pixels of a mosaic.
 _LUMA, _MOSAIC = (0.299, 0.587, 0.114), (0.25, 0.5, 0.25)
@@ -87,3 +88,44 @@ class Light:
         for share, colour in zip(self.shares, self.colours, strict=True):
             grey += np.float32(share) * colour
         return grey
+
+
+@dataclass(frozen=True, eq=False)
+class LightNoise:
+    """Variance of the noise over the light it is in.
+
+    Attributes
+    ----------
+    parts : ndarray, shape (3,)
+        Of the sensor, of photons over the light, and of paint and dirt over its square.
+    """
+
+    parts: NDArray[np.float32] = field(default_factory=lambda: np.array([1, 0, 0], np.float32))
+
+    @classmethod
+    def of(
+        cls,
+        light: NDArray[np.float32],
+        residual: NDArray[np.float32],
+        weight: NDArray[np.float32],
+        scale: NDArray[np.float32],
+    ) -> LightNoise:
+        """Noise by least squares, no part of which is negative.
+
+        Parameters
+        ----------
+        light, residual, weight, scale : ndarray, shape (bins,)
+            Light of the model, what it leaves, the weight of that, and the mean square about.
+        """
+        powers = np.vander(np.maximum(light, 0).astype(float), 3, increasing=True)
+        unit = np.maximum(powers.mean(axis=0), 1)
+        by = np.sqrt(weight) / np.maximum(scale, ROUNDING)
+        parts, _ = nnls(powers / unit * by[:, None], np.square(residual) * by)
+        return cls((parts / unit).astype(np.float32))
+
+    def precision(
+        self, light: NDArray[np.float32], level: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Inverse variance in light over that at the fringes' level (eq. 5)."""
+        usual, here = (np.polyval(self.parts[::-1], np.maximum(x, 0)) for x in (level, light))
+        return (usual + np.float32(ROUNDING)) / (here + np.float32(ROUNDING))

@@ -116,6 +116,30 @@ class Windows:
         scale = 1 / np.maximum(ff * dd - fd * fd, _EPSILON)
         self._inverse = dd * scale, fd * scale, ff * scale
 
+    def variances(
+        self, level: NDArray[np.float32], amplitude: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], tuple[NDArray[np.float32], ...]]:
+        """Variance of the slope over that of noise in a window.
+
+        Parameters
+        ----------
+        level, amplitude : ndarray, shape (rows, nodes), float32
+
+        Returns
+        -------
+        variance : ndarray, shape (rows, nodes), float32
+        ratios : tuple of ndarray
+            The variance over those of the logarithms of contrast and amplitude.
+        """
+        dd, fd, ff = self._inverse
+        of_amplitude = dd / np.square(amplitude)
+        with_level = (self._d * fd - self._f * dd) * self._mean / (level * amplitude)
+        of_both = self._f * self._f * dd - 2 * self._f * self._d * fd + self._d * self._d * ff
+        of_level = (self._mean + of_both * self._mean * self._mean) / np.square(level)
+        of_contrast = of_amplitude - 2 * with_level + of_level
+        least = np.finfo(np.float32).tiny
+        return ff, tuple(ff / np.maximum(each, least) for each in (of_contrast, of_amplitude))
+
     def fit(self, light: NDArray[Any]) -> LocalFit:
         """Fit bins of light, shape (rows, columns)."""
         weight, by_waveform, by_slope = self._bins

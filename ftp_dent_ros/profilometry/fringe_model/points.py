@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ftp_dent_ros.cloud.response import OF_NOISE
 from ftp_dent_ros.profilometry.fringe_model.bins import (
     ROUNDING,
     GridGeometry,
@@ -84,11 +83,6 @@ class Points:
         detail = np.maximum(grid.window_sums(uneven) - chance, 0)
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
         self._unexplained = (2 * unusual + 4 * detail) / np.square(np.maximum(amplitude, 1))
-        power = np.square(amplitude) * grid.window_sums(fit.slope * fit.slope)
-        # Of noise, each of the fits of three unknowns takes its share of what others have left.
-        followed = 6 * sum(1 / n for n in range(1, OF_NOISE + 1)) / grid.bins_in_window
-        power *= np.float32(grid.bins_in_window * math.exp(-followed))
-        self._posterior = fit.scale / np.maximum(power, np.float32(1e-6))
         _, v_p = nodes.meet(self._phase)
         amplitude = amplitude / nodes.pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
@@ -113,11 +107,17 @@ class Points:
             return
         places = grid.node_places
         quadric = quadric_through(places, inverse, inside)
-        changes = [x - quadric_through(places, x, inside).at(*places) for x in self._changes]
         smooth = self._nodes.phase(quadric.at(*places))
         coarse = self._phase - smooth
-        inside &= self._whole
-        denoised = denoise(grid, coarse, changes, inside.astype(np.float32), self._posterior)
+        inside, surface = inside & self._whole, inside
+        denoised = denoise(
+            grid,
+            coarse,
+            [x - quadric_through(places, x, surface).at(*places) for x in self._changes],
+            fit.ratios,
+            inside.astype(np.float32),
+            fit.variance,
+        )
         variance, noise = (
             np.maximum(each, 0) + self._unexplained for each in (denoised.variance, denoised.noise)
         )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -10,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
+from ftp_dent_ros.cloud.response import OF_NOISE
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, moved
+from ftp_dent_ros.profilometry.fringe_model.light import LightNoise
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
 from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
 
@@ -22,7 +25,7 @@ _LEARNED, _ROUNDS, _SHARPENED = 2, 2, 2
 RESOLVED = 1.45
 # Significance at which a window leaves more than one at its side: it lies across an edge (F test).
 _SIGNIFICANCE = 1e-5
-# Every how many bins show the waveform's response.
+# Every how many bins show the waveform's response, and the noise.
 _EVERY = 5
 # Fringes over which the misfit's scale is the mean.
 _SCALE = 4.0
@@ -38,7 +41,7 @@ class FringeFit:
     ----------
     phase, level, amplitude : ndarray, shape (rows, columns), float32
     residual : ndarray
-        Light less the model.
+        Light less the model, over the noise's deviation there, times that at the level.
     scale : ndarray, shape (rows, nodes)
         Mean square of the residuals about.
     wave, slope : ndarray
@@ -47,6 +50,11 @@ class FringeFit:
         With its response and blur.
     systematic : ndarray, shape (rows, nodes)
         Variance of what the camera's blur may shift the phase by, radians^2.
+    noise : LightNoise
+    variance : ndarray, shape (rows, nodes)
+        Of the phase, by the residuals, radians^2.
+    ratios : tuple of ndarray, shape (rows, nodes)
+        Variance of the phase over those of the logarithms of contrast and amplitude.
     """
 
     phase: NDArray[np.float32]
@@ -58,6 +66,9 @@ class FringeFit:
     slope: NDArray[np.float32]
     waveform: Waveform
     systematic: NDArray[np.float32]
+    noise: LightNoise = field(default_factory=LightNoise)
+    variance: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    ratios: tuple[NDArray[np.float32], ...] = ()
 
 
 class Solver:
@@ -75,6 +86,8 @@ class Solver:
         freedom = grid.bins_in_window
         self._across = np.float32(fdtri(freedom, freedom, 1 - _SIGNIFICANCE))
         self._box = np.ones(grid.half_fringe[::-1], np.uint8)
+        # Of noise, each of the fits of three unknowns takes its share of what others have left.
+        self._followed = 6 * sum(1 / n for n in range(1, 2 * OF_NOISE + 1)) / freedom
 
     def solve(
         self,
@@ -87,14 +100,28 @@ class Solver:
         """Fit from a phase that is right to a third of a fringe."""
         fit = self._started(light, usable, phase, waveform)
         for _ in range(_ROUNDS):
-            fit, rest = self._round(light, usable, fit)
+            fit, windows, rest = self._round(light, usable, fit)
+        # Windows without most of their light are none to go on from.
+        rest[2 * self.grid.window_sums(usable) <= 1] = np.inf
         # Detail that these have resolved is no edge.
         fit = self._clearest(light, usable, fit, rest, reference)
-        fit, _ = self._round(light, usable, fit, is_robust=True)
+        at_nodes = (np.maximum(self.grid.at_nodes(x), 1) for x in (fit.level, fit.amplitude))
+        variance, ratios = windows.variances(*at_nodes)
+        fit, *_ = self._round(light, usable, fit, is_robust=True)
         fit = self._unblurred(fit)
-        wave, slope, residual = self._misfit(light, fit)
+        wave, slope, residual, precision = self._misfit(light, fit)
+        residual *= np.sqrt(precision)
         scale = self._scale(usable, residual)
-        return replace(fit, residual=residual, scale=scale, wave=wave, slope=slope)
+        variance *= scale * np.float32(math.exp(self._followed) / self.grid.bins_in_window)
+        return replace(
+            fit,
+            residual=residual,
+            scale=scale,
+            wave=wave,
+            slope=slope,
+            variance=variance,
+            ratios=ratios,
+        )
 
     def _started(self, light, usable, phase, waveform) -> FringeFit:
         """The first fit, and the waveform's response.
@@ -111,15 +138,18 @@ class Solver:
             )
             residual = light - level - amplitude * wave - shift * slope
             fit = replace(fit, level=level, amplitude=amplitude)
-            fit = self._learned(fit, residual, self._weight(usable, residual))
+            fit = self._learned(fit, usable, light - residual, residual)
         # As smooth as level and amplitude are: they and the phase show noise alike (eq. 8).
         shift = np.clip(first.slope / np.maximum(first.amplitude, 1), -1, 1)
         return replace(fit, phase=phase + grid.at_bins(grid.smooth_nodes(shift, WIDTH)))
 
     def _round(self, light, usable, fit, is_robust: bool = False):
-        """The fit after a round, and what its windows leave of their light."""
-        wave, slope, residual = self._misfit(light, fit)
-        weight = self._weight(usable, residual) if is_robust else usable
+        """The fit after a round, its windows, and what they leave of their light."""
+        wave, slope, residual, weight = self._misfit(light, fit)
+        if is_robust:
+            weight *= self._weight(usable, residual * np.sqrt(weight))
+        else:
+            weight *= usable
         slope *= fit.amplitude
         windows = Windows(self.grid, wave, slope, weight)
         change = windows.fit(residual)  # eq. 3
@@ -127,10 +157,8 @@ class Solver:
         np.clip(shift, -1, 1, out=shift)
         for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
             each += more
-        # Windows without most of their light are none to go on from.
         rest = change.rest + np.float32(ROUNDING)
-        rest[2 * windows.weight <= 1] = np.inf
-        return replace(fit, phase=shift, level=level, amplitude=amplitude), rest
+        return replace(fit, phase=shift, level=level, amplitude=amplitude), windows, rest
 
     def _unblurred(self, fit) -> FringeFit:
         """The fit without half of what the camera's blur may shift it by (eq. 15).
@@ -153,9 +181,10 @@ class Solver:
         return fit.waveform.at(phase, self.grid.across)
 
     def _misfit(self, light, fit):
-        """F, its derivative, and the light less the model (eq. 1)."""
+        """F, its derivative, the light less the model (eq. 1), and the noise's precision there."""
         wave, slope = self._wave(fit, fit.phase)
-        return wave, slope, light - fit.level - fit.amplitude * wave
+        model = fit.level + fit.amplitude * wave
+        return wave, slope, light - model, fit.noise.precision(model, fit.level)
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift of the bins without the windows' own smoothing of them."""
@@ -187,14 +216,21 @@ class Solver:
         scale: NDArray[np.float32] = np.float32(np.pi / 2) * size * size
         return scale
 
-    def _learned(self, fit, residual, weight) -> FringeFit:
-        """The fit with the waveform's response as every few bins together show it (eq. 4)."""
+    def _learned(self, fit, usable, model, residual) -> FringeFit:
+        """The fit with response and noise as every few bins together show them (eqs. 4, 5)."""
+        precision = fit.noise.precision(model, fit.level)
+        weight = self._weight(usable, residual * np.sqrt(precision))
+        scale = self._scale(usable, residual)
         few = np.s_[::_EVERY, ::_EVERY]
-        phase, amplitude = fit.phase[few], fit.amplitude[few]
-        size = np.maximum(amplitude, 1)
-        weight = weight[few] * size * size * (amplitude > 1)
-        some = (each.ravel() for each in (phase, residual[few] / size, weight))
-        return replace(fit, waveform=fit.waveform.corrected(*some))
+        size = np.maximum(fit.amplitude, 1)
+        weight *= fit.amplitude > 1
+        phase, size, model, residual, weight, scale = (
+            each[few].ravel()
+            for each in (fit.phase, size, model, residual, weight, self.grid.at_bins(scale))
+        )
+        waveform = fit.waveform.corrected(phase, residual / size, weight * size * size)
+        noise = LightNoise.of(model, residual, weight, scale)
+        return replace(fit, waveform=waveform, noise=noise)
 
     def _clearest(self, light, usable, fit, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
