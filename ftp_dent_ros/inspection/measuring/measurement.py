@@ -9,6 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ftp_dent_ros.dents.dent import (
     COVERAGE,
@@ -25,7 +26,6 @@ from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
 from ftp_dent_ros.inspection.measuring.noise import SURE, Map, smoothed
 from ftp_dent_ros.inspection.measuring.outline import CUT
 from ftp_dent_ros.inspection.measuring.patch import Patch, patch_of
-from ftp_dent_ros.inspection.measuring.segmentation import nearest
 from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
@@ -120,14 +120,16 @@ def _parted(
     there (Lupton, The SDSS image deblender, 2005). Where that side is not known, or none claims
     anything, it is divided where water would divide.
     """
-    found = np.full(patch.depth.shape, -1, np.int32)
-    for index, at in enumerate(peaks):
-        found[at] = index
-    for depth in np.linspace(float(values.max()), 0.0, _LEVELS):
-        found = np.where((values >= depth) * (found < 0), nearest(found), found)
+    marks = np.zeros(patch.depth.shape, np.int32)
+    for index, at in enumerate(peaks, 1):
+        marks[at] = index
+    below = 1 - np.maximum(values, 0) / max(float(values.max()), np.finfo(np.float32).tiny)
+    found = ndimage.watershed_ift(
+        np.uint16(below * np.iinfo(np.uint16).max), marks, np.ones((3, 3))
+    )
     rows, columns = np.indices(found.shape)
     claims = []
-    for index, (row, column) in enumerate(peaks):
+    for index, (row, column) in enumerate(peaks, 1):
         opposite, known = (
             patch.at(each, 2 * column - columns, 2 * row - rows, cv2.INTER_NEAREST)
             for each in (values, patch.known)
