@@ -124,9 +124,9 @@ def _parted(
     for index, at in enumerate(peaks, 1):
         marks[at] = index
     below = 1 - np.maximum(values, 0) / max(float(values.max()), np.finfo(np.float32).tiny)
-    found = ndimage.watershed_ift(
-        np.uint16(below * np.iinfo(np.uint16).max), marks, np.ones((3, 3))
-    )
+    # Of 16 bits SciPy 1.11 floods 15.
+    levels = np.uint16(below * np.iinfo(np.int16).max)
+    found = ndimage.watershed_ift(levels, marks, np.ones((3, 3)))
     rows, columns = np.indices(found.shape)
     claims = []
     for index, (row, column) in enumerate(peaks, 1):
