@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import pytest
 from scipy.ndimage import map_coordinates
 from small_scenes import DENT, DEPTH, PATTERN, RIG, Scene, panel
 
@@ -24,7 +23,6 @@ def net():
     return np.where(on[..., None], before, behind)
 
 
-@pytest.mark.xfail(reason='2 of 8 are listed as dents, with OpenCV 4.6 6')
 def test_cords_before_a_skin_are_in_doubt():
     found = inspect(Reconstructor(RIG, PATTERN).reconstruct(net()))
     named = [each for each in (*found.dents, *found.others) if each.kind not in ('other', 'step')]

@@ -36,18 +36,13 @@ def promised(resolution, noise=8e-6):
     return float(np.nanmedian(inspect(seen(0.0, resolution, noise)).findable))
 
 
-SHORT = pytest.mark.xfail(
-    strict=False, reason='9.9 mm of its 12, to 3.0 mm: it is listed in doubt, as too small'
-)
-
-
 @pytest.mark.parametrize(
     ('resolution', 'noise'),
     [
         (0.004, 2e-6),
         (0.004, 8e-6),
         (0.007, 2e-6),
-        pytest.param(0.007, 2e-5, marks=SHORT),
+        (0.007, 2e-5),
         (0.009, 8e-6),
         (0.009, 2e-5),
     ],
