@@ -105,7 +105,7 @@ class _Joint(Shape):
 def merged(dents: Sequence[Dent]) -> tuple[Dent, ...]:
     """Dents of a panel, and two that no saddle parts as the one that they are.
 
-    Skin with one bottom has one dent: nothing tells which shapes it is the sum of. A saddle that
+    Skin with one bottom has one dent: nothing shows which shapes it is the sum of. A saddle that
     parts two rises above the lesser by `LEVEL` of its depth, as the docs say.
     """
     left = list(dents)

@@ -20,8 +20,8 @@ was made elsewhere: `eval` by another renderer, `real` with a camera.
 - Error / sigma: root mean square of the points' errors over their stated uncertainty.
 - Found: of the dents in view. Findable: of those as wide as the smallest dent that are deeper
   than what is stated as findable at their place; they are listed as dents or creases, or in doubt
-  as anything else, or not at all. Two that no saddle of a tenth of their depth parts are one dent,
-  as deep, long and wide as their sum.
+  as anything else, or not at all. Two dents without a saddle of
+  a tenth of the lesser depth between them are one, as deep, long and wide as their sum.
 - False: dents, bumps, creases and gouges in a photograph where there is none; in doubt: what else
   is listed there. Depth off: the median error over the depth.
 - / u: root mean square of errors over their stated uncertainty.

@@ -35,12 +35,6 @@ def halved(fits: int) -> float:
     return math.pi * math.sqrt(2 / -math.log(1 - 0.5 ** (1 / fits)))
 
 
-def squares() -> tuple[NDArray[np.float64], float]:
-    """Values for `left_out`, even over the plane's rings, and their step."""
-    values = np.linspace(0.0, 12.0, 6001)[1:]
-    return values, float(values[0])
-
-
 @lru_cache(maxsize=256)
 def white_noise(smoothing: float = 0.0, fits: int = OF_NOISE) -> tuple[float, float]:
     """What some fits and a Gaussian mean leave of white noise.
@@ -58,7 +52,8 @@ def white_noise(smoothing: float = 0.0, fits: int = OF_NOISE) -> tuple[float, fl
     frequency : float
         Mean square of its angular frequency along one direction, times the windows' variance.
     """
-    values, step = squares()
+    # Even over the plane's rings.
+    values = np.linspace(0.0, 12.0, 6001)[1:]
     left = np.square((1 - left_out(values, fits)) * np.exp(-values * smoothing**2))
     total = left.sum()
-    return float(2 * step * total), float((values * left).sum() / total)
+    return float(2 * values[0] * total), float((values * left).sum() / total)

@@ -61,7 +61,7 @@ def measure(
     cells = scale / patch.step[0], scale / patch.step[1]
     values = np.nan_to_num(smoothed(patch.depth, patch.known, cells))
     peaks, several = _peaks(patch, values, skin.noise.after(scale, patch.usual))
-    sized = [(sizes_of(each, at, skin), each) for at, each in _parted(patch, values, peaks)]
+    sized = [(sizes_of(each, at, skin), each) for at, each in _alone(patch, values, peaks)]
     if not any(sizes for sizes, _ in sized):
         return _unmeasured(place, patch, skin.contour, settings)
     shared = _SEVERAL if several else _OVERLAPS if len(peaks) > 1 else ''
@@ -93,7 +93,7 @@ def _peaks(patch: Patch, values: Map, noise: NDArray) -> tuple[list[tuple[int, i
     at = np.argwhere((values == top) & patch.own & (values > 0))
     order = np.argsort(-values[tuple(at.T)], kind='stable')
     at, heights = at[order], values[tuple(at[order].T)]
-    if not at[1:].size:
+    if len(at) < 2:
         return [(int(row), int(column)) for row, column in at], False
     saddles = np.zeros((len(at), len(at)))
     step = float(heights[0]) / _LEVELS
@@ -111,7 +111,7 @@ def _peaks(patch: Patch, values: Map, noise: NDArray) -> tuple[list[tuple[int, i
     return [(int(row), int(column)) for row, column in at[kept]], several
 
 
-def _parted(
+def _alone(
     patch: Patch, values: Map, peaks: list[tuple[int, int]]
 ) -> Iterator[tuple[tuple[int, int], Patch]]:
     """Each peak, and the patch as it would be without the others.
@@ -134,6 +134,7 @@ def _parted(
             patch.at(each, 2 * column - columns, 2 * row - rows, cv2.INTER_NEAREST)
             for each in (values, patch.known)
         )
+        # Less than any depth that is measured.
         least = np.where(known, 1e-6, values) * (found == index)
         claims.append(np.maximum(opposite * known, least))
     total = np.maximum(sum(claims), 1e-12)

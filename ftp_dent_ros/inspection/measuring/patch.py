@@ -192,7 +192,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     gap_doubt = np.sqrt(np.where(over, unsure, np.float32(0)) ** 2 + beyond)
     share = skin.noise.after(scale, np.minimum(stated, usual)) / skin.noise.after(scale, usual)
     restored = window, fits if is_stated else 0
-    passed = _passed(known.shape, step, (skin.noise, usual), scale, restored)
+    passed = _passed(known.shape, step, skin.noise, usual, scale, restored)
     level = math.sqrt(np.square(passed).mean())
     return Patch(
         x,
@@ -279,7 +279,8 @@ def _restored(
 def _passed(
     shape: tuple[int, ...],
     step: tuple[float, float],
-    noise: tuple[Noise, float],
+    noise: Noise,
+    stated: float,
     scale: float,
     restored: tuple[float, int],
 ) -> Map:
@@ -290,4 +291,4 @@ def _passed(
     taken = left_out(square * restored[0] ** 2, restored[1]) if restored[1] else 0.0
     raised = 1 + taken + taken * taken
     smooth = 1 - left_out(square * scale**2, 2)
-    return np.float32(noise[0].spectrum(square, math.prod(step), noise[1]) * smooth * raised)
+    return np.float32(noise.spectrum(square, math.prod(step), stated) * smooth * raised)

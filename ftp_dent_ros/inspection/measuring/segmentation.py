@@ -88,7 +88,7 @@ def segment(
         marks = np.full(region.shape, -1, np.int32)
         for index, part in enumerate(parts, len(found)):
             marks[part.mask] = index
-        labels[region] = nearest(marks)[region]
+        labels[region] = _nearest(marks)[region]
         found += parts
     labels = split.with_islands(found, whole, labels)
     return [replace(each, mask=labels == k) for k, each in enumerate(found)], labels
@@ -241,7 +241,7 @@ def _parts(mask: Mask, least: float) -> list[Mask]:
     return [labels == index + 1 for index in order if areas[index] >= least]
 
 
-def nearest(marks: NDArray[np.int32]) -> NDArray[np.int32]:
+def _nearest(marks: NDArray[np.int32]) -> NDArray[np.int32]:
     """The mark of the nearest cell that has one, not less than 0, shape (rows, columns)."""
     _, labels = cv2.distanceTransformWithLabels(
         (marks < 0).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL

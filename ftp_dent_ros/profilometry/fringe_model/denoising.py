@@ -100,7 +100,7 @@ def denoise(
         variance += gain * gain * part + np.square(1 - gain) * signal  # eq. 10
     # Windows miss as much of dents three fringes wide.
     variance = variance + signal
-    # So are those of the fit.
+    # At rims the windows of the fit are cut, too.
     whole = (whole + beyond) / mean.share(WIDTH)
     return Denoised(kept * mask, variance + beyond, gain, whole)
 
@@ -155,7 +155,8 @@ class _WhiteNoise:
         Variance beyond the widest window, over the last octave's energy.
     fine : ndarray, shape (octaves, 2)
         Weights of what is in the octave before along u, and smooth along v as that octave, and as
-        this one: right for noise that is white along v, and for noise that is even there.
+        this one: right for noise that is white along v, and for noise that is even there. The
+        finest octave needs none.
     """
 
     energy: NDArray[np.float32]

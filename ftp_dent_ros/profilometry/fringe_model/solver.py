@@ -86,7 +86,7 @@ class Solver:
         freedom = grid.bins_in_window
         self._across = np.float32(fdtri(freedom, freedom, 1 - _SIGNIFICANCE))
         self._box = np.ones(grid.half_fringe[::-1], np.uint8)
-        # Of noise, each of the fits of three unknowns takes its share of what others have left.
+        # Of noise n fits of three unknowns leave 1 - 6 (1 + 1/2 + ... + 1/2n) / bins.
         self._followed = 6 * sum(1 / n for n in range(1, 2 * OF_NOISE + 1)) / freedom
 
     def solve(
