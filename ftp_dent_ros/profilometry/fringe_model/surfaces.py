@@ -31,6 +31,8 @@ from ftp_dent_ros.profilometry.unwrapping import wrap
 
 # Fringes from an edge within which a window sees both sides: two of its standard deviations.
 _ACROSS = 2 * WIDTH
+# Loss beyond the reach of any surface, where a run ends: more than all light of a row of bins.
+_NEVER = np.float32(1e9)
 # What the start, smooth over a window, may differ by from the first fit, radians: two deviations.
 _OFF = 2 * DEVIATION
 
@@ -112,7 +114,7 @@ class Surfaces:
         beyond = grid.at_bins(Nearest(~near)(start.level))
         fringes = np.square(light.unbroken - level - amplitude * np.cos(onwards))
         gain = light.usable * (np.square(light.unbroken - beyond) - fringes)
-        gain = np.where(grid.repeated(near), gain, 0) - np.float32(ROUNDING)
+        gain = np.where(grid.repeated(near), gain - np.float32(ROUNDING), -_NEVER)
         node, (wide, high) = grid.node, (2 * math.ceil(each / 2) + 1 for each in grid.fringe)
         total = cv2.integral(gain, sdepth=cv2.CV_64F)
         across = _stretches(total[:, ::node].T, 2 * round(wide / node / 2) + 1).T
@@ -129,7 +131,7 @@ class Surfaces:
 
 
 def _stretches(total: NDArray[np.float64], across: int) -> NDArray[np.bool_]:
-    """In each row the places from one to another whose sum is the largest: the likeliest ends.
+    """In each run along a row the places whose sum is the largest: between the likeliest ends.
 
     Rows are taken `across` at a time, as dark fringes tell no end.
 
@@ -143,9 +145,12 @@ def _stretches(total: NDArray[np.float64], across: int) -> NDArray[np.bool_]:
         np.clip(np.arange(count) + each, 0, count) for each in (-(across // 2), across // 2 + 1)
     )
     total = total[below] - total[above]
-    lowest = np.minimum.accumulate(total, axis=1)
-    last = (total - lowest).argmax(axis=1)[:, None]
-    first = (total == np.take_along_axis(lowest, last, axis=1)).argmax(axis=1)[:, None]
-    places = np.arange(total.shape[1] - 1)
-    within: Any = ((places >= first) & (places < last)).view(np.uint8)
-    return cv2.dilate(within, np.ones((across, 1), np.uint8)) > 0
+    within = np.diff(total, axis=1) > -_NEVER / 2
+    lowest = np.minimum.accumulate(total[:, :-1], axis=1)
+    highest = np.maximum.accumulate(total[:, :0:-1], axis=1)[:, ::-1]
+    around = np.where(within, highest - lowest, 0).ravel()
+    begins = within & ~np.pad(within, ((0, 0), (1, 0)))[:, :-1]
+    run = np.maximum(np.cumsum(begins) - 1, 0)
+    best = np.maximum.reduceat(around, np.flatnonzero(begins)) if begins.any() else around
+    lit: Any = ((around == best[run]) & (around > 0)).reshape(within.shape).view(np.uint8)
+    return cv2.dilate(lit, np.ones((across, 1), np.uint8)) > 0
