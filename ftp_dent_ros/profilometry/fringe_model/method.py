@@ -97,9 +97,9 @@ class FringeModel:
         lead = np.zeros(grid.node_shape, np.float32)
         if len(light.colours) > 1:
             lead = lead_of_paint(grid, start.colours, light.shares, colours)
-        waveform = self._blurred(light, usable, surfaces.phase, fringes)
+        waveform = self._blurred(light, usable, surfaces.phase, surfaces.known)
         del light, start  # for the memory that the solver takes
-        fit = self._solver.solve(grey, usable, surfaces.reference, surfaces.phase, waveform)
+        fit = self._solver.solve(grey, usable, surfaces, waveform)
         fit = replace(fit, phase=fit.phase - grid.at_bins(Nearest(colours)(lead)))
         points = self._points(grey, usable, surfaces, fit)
         coverage = Coverage.of(

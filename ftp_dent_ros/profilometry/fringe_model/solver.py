@@ -15,6 +15,7 @@ from ftp_dent_ros.cloud.response import OF_NOISE
 from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, WIDTH, BinGrid, moved
 from ftp_dent_ros.profilometry.fringe_model.light import LightNoise
 from ftp_dent_ros.profilometry.fringe_model.local_fit import ASIDE, LocalFit, Windows
+from ftp_dent_ros.profilometry.fringe_model.surfaces import Surfaces
 from ftp_dent_ros.profilometry.fringe_model.waveform import USUAL, Waveform
 
 # Times that the waveform is learned, Gauss-Newton rounds before bins choose their windows, after
@@ -93,18 +94,17 @@ class Solver:
         self,
         light: NDArray[np.float32],
         usable: NDArray[np.float32],
-        reference: NDArray[np.float32],
-        phase: NDArray[np.float32],
+        surfaces: Surfaces,
         waveform: Waveform,
     ) -> FringeFit:
-        """Fit from a phase that is right to a third of a fringe."""
-        fit = self._started(light, usable, phase, waveform)
+        """Fit from surfaces whose phase is right to a third of a fringe."""
+        fit = self._started(light, usable, surfaces, waveform)
         for _ in range(_ROUNDS):
             fit, windows, rest = self._round(light, usable, fit)
         # Windows without most of their light are none to go on from.
         rest[2 * self.grid.window_sums(usable) <= 1] = np.inf
         # Detail that these have resolved is no edge.
-        fit = self._clearest(light, usable, fit, rest, reference)
+        fit = self._clearest(light, usable, fit, rest, surfaces.reference)
         at_nodes = (np.maximum(self.grid.at_nodes(x), 1) for x in (fit.level, fit.amplitude))
         variance, ratios = windows.variances(*at_nodes)
         fit, *_ = self._round(light, usable, fit, is_robust=True)
@@ -123,13 +123,15 @@ class Solver:
             ratios=ratios,
         )
 
-    def _started(self, light, usable, phase, waveform) -> FringeFit:
-        """The first fit, and the waveform's response.
+    def _started(self, light, usable, surfaces: Surfaces, waveform) -> FringeFit:
+        """The first fit, and the waveform's response, of the numbered fringes.
 
         The phase of the start is smooth. Later ones follow the response as ripples, so that the
         light does not show it any more.
         """
-        grid, fit = self.grid, FringeFit(phase, *6 * (light,), waveform, light)
+        grid, phase = self.grid, surfaces.phase
+        fit = FringeFit(phase, *6 * (light,), waveform, light)
+        numbered = usable * grid.repeated(surfaces.known)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
             first = Windows(grid, wave, slope, usable).fit(light)
@@ -138,7 +140,7 @@ class Solver:
             )
             residual = light - level - amplitude * wave - shift * slope
             fit = replace(fit, level=level, amplitude=amplitude)
-            fit = self._learned(fit, usable, light - residual, residual)
+            fit = self._learned(fit, numbered, light - residual, residual)
         # As smooth as level and amplitude are: they and the phase show noise alike (eq. 8).
         shift = np.clip(first.slope / np.maximum(first.amplitude, 1), -1, 1)
         return replace(fit, phase=phase + grid.at_bins(grid.smooth_nodes(shift, WIDTH)))
