@@ -1,5 +1,6 @@
 """Shared by all tests."""
 
+import os
 import signal
 import sys
 from pathlib import Path
@@ -10,6 +11,11 @@ from ftp_dent_ros.process import one_for_blas
 
 # Boards, a radio and the truth of photographs, which tests and benchmarks share.
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'benchmarks'))
+
+# Workers and processes of tests compile the package once, not each, where none is to be written
+# beside it.
+if os.environ.pop('PYTHONDONTWRITEBYTECODE', ''):
+    os.environ['PYTHONPYCACHEPREFIX'] = str(Path(__file__).parents[1] / '.pytest_cache/bytecode')
 
 # As for the commands; before any test loads NumPy.
 one_for_blas()

@@ -39,6 +39,7 @@ LIGHT = {
     'ambient': 0.03,
     'read_noise': 0.0,
     'full_well': 1e9,
+    'samples': 2,
 }
 
 

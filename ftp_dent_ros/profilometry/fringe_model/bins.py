@@ -59,9 +59,9 @@ class BinGrid:
         step = max(1, round(period / _PER_FRINGE))
         high = round(_PITCH * period)
         rows, node = int(np.clip(high, *ROWS)), max(2, math.ceil(high / step))
-        return cls(width, height, period, step, rows, node)
+        return cls(width, height, float(period), step, rows, node)
 
-    @property
+    @cached_property
     def node_shape(self) -> tuple[int, int]:
         """Rows and columns of nodes."""
         return -(-self.height // self.rows), -(-self.width // (self.step * self.node))
@@ -72,7 +72,7 @@ class BinGrid:
         rows, columns = self.node_shape
         return rows, columns * self.node
 
-    @property
+    @cached_property
     def fringe(self) -> tuple[float, float]:
         """Bins a fringe is wide, along u and v."""
         return self.period / self.step, self.period / self.rows
@@ -116,18 +116,16 @@ class BinGrid:
         rows, columns = self.shape
         below, right = rows * self.rows - self.height, columns * self.step - self.width
         whole = cv2.copyMakeBorder(plane, 0, below, 0, right, cv2.BORDER_REPLICATE)
-        wide: Any = whole.astype(np.float32)
-        return cv2.resize(wide, (columns, rows), interpolation=cv2.INTER_AREA)
+        strips: Any = whole.reshape(rows, self.rows, -1)
+        return _means(strips.sum(axis=1, dtype=np.float32), self.step) / self.rows
 
     def at_nodes(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
         """Means of bins over the nodes."""
-        mean: Any = cv2.resize(bins, self.node_shape[::-1], interpolation=cv2.INTER_AREA)
-        return mean
+        return _means(bins, self.node)
 
-    def at_bins(self, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
+    def at_bins(self, nodes: NDArray[np.float32]) -> Any:
         """Values at the nodes, interpolated to the bins."""
-        values: Any = cv2.resize(nodes, self.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        return values
+        return cv2.resize(nodes, self.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
     def at_pixels(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values at the nodes or bins, interpolated to the pixels."""
@@ -165,10 +163,9 @@ class BinGrid:
         smooth: Any = cv2.resize(few, size, interpolation=cv2.INTER_LINEAR)
         return smooth
 
-    def around(self, bins: NDArray[np.float32]) -> NDArray[np.float32]:
+    def around(self, bins: NDArray[np.float32]) -> Any:
         """Means over half a fringe about the bins."""
-        mean: Any = cv2.blur(bins, self.half_fringe)
-        return mean
+        return cv2.blur(bins, self.half_fringe)
 
     @property
     def half_fringe(self) -> tuple[int, int]:
@@ -256,6 +253,17 @@ def wider_than_windows(nodes: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Without strips that are thinner than a window: those are the rim of what is beside them."""
     wide: Any = cv2.morphologyEx(nodes.view(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     return wide > 0
+
+
+def _means(values: NDArray[np.float32], count: int) -> Any:
+    """Means of so many columns side by side.
+
+    By pairs, which takes less time than OpenCV's areas.
+    """
+    total, left = values, count
+    while left % 2 == 0:
+        total, left = total[:, ::2] + total[:, 1::2], left // 2
+    return sum(total[:, place::left] for place in range(left)) / count
 
 
 def _gaussian(values: Any, sigma_u: float, sigma_v: float) -> Any:

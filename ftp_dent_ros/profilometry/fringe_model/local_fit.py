@@ -71,11 +71,10 @@ class LocalFit:
         return self._squares[1]
 
     @property
-    def swing(self) -> NDArray[np.float32]:
+    def swing(self) -> Any:
         """Amplitude of the fringes, whatever their shift."""
         # OpenCV's magnitude depends on where in memory the arrays are.
-        swing: NDArray[np.float32] = np.sqrt(np.square(self.slope) + np.square(self.amplitude))
-        return swing
+        return np.sqrt(np.square(self.slope) + np.square(self.amplitude))
 
 
 class Windows:

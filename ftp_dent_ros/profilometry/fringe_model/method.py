@@ -37,6 +37,7 @@ from ftp_dent_ros.profilometry.fringe_model.surfaces import Surfaces
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.measurement import Measurement
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.robust import median
 
 
 class FringeModel:
@@ -63,7 +64,6 @@ class FringeModel:
         # Two contrasts in a window: each is half the step off, and a cosine's square is a half.
         self._steps = (1 - pattern.faintest_contrast) ** 2 / 8
         self._likelihood = OrderLikelihood(pattern)
-        self._solver = Solver(self.grid)
 
     def measure(self, photograph: Photograph) -> Measurement:
         """Measure the surfaces in a photograph.
@@ -99,7 +99,7 @@ class FringeModel:
             lead = lead_of_paint(grid, start.colours, light.shares, colours)
         waveform = self._blurred(light, usable, surfaces.phase, surfaces.known)
         del light, start  # for the memory that the solver takes
-        fit = self._solver.solve(grey, usable, surfaces, waveform)
+        fit = Solver(grid, grey, usable).solve(surfaces, waveform)
         fit = replace(fit, phase=fit.phase - grid.at_bins(Nearest(colours)(lead)))
         points = self._points(grey, usable, surfaces, fit)
         coverage = Coverage.of(
@@ -164,11 +164,10 @@ class FringeModel:
         def left(waveform: Waveform) -> NDArray[np.floating]:
             rest = Windows(strip, *waveform.at(phase, across), usable).fit(coded).rest
             of_thirds = ((rest[:, c - near.start], shown[:, c - near.start]) for c in thirds)
-            return np.array([np.median(each[there]) for each, there in of_thirds])
+            return np.array([median(each[there]) for each, there in of_thirds])
 
         places = np.array([each.mean() for each in thirds]) / (fringes.shape[1] - 1) - 0.5
-        blurred = self._coded.with_least(left, places)
-        return self._waveform.in_blur(blurred.variance, blurred.rise)
+        return self._waveform.in_blur(*self._coded.least_blur(left, places))
 
     def _points(self, grey, usable, surfaces: Surfaces, fit: FringeFit) -> Points:
         """The points of all surfaces."""

@@ -267,7 +267,7 @@ class OrderLikelihood:
         own = np.flatnonzero(orders == best)[0]
         few = cells.rows(slice(None, None, _FEW))
         each = self._likelihood(few, orders, *pair)
-        words = _shown(np.array([_of_words(e) for e in each - each[own]]))
+        words = _shown(np.array([_of_words(e - each[own]) for e in each]))
         local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
         while words.max(initial=0) > math.log(_ODDS):
             order, row, cell = map(int, np.unravel_index(words.argmax(), words.shape))
@@ -307,7 +307,7 @@ class OrderLikelihood:
             mine = weight * (of_steps == order)
             seen = mine.sum(axis=0)
             mean = (mine * step).sum(axis=0) / np.maximum(seen, 1e-9)
-            expected = self._expected(np.array([order + cells.first]))[0, : len(mean)]
+            expected = self._expected(np.array([order + cells.first]), len(mean))[0]
             sums += [np.sum(seen * each) for each in (mean * expected, mean**2, expected**2)]
         of_parts = weight[of_steps != _NONE].sum() / max(weight.sum(), 1e-9)
         return float(of_parts * sums[0] ** 2 / max(sums[1] * sums[2], 1e-12))
@@ -315,14 +315,13 @@ class OrderLikelihood:
     def _lit_orders(self, low, place, share):
         """Orders under which the panel lights more than a share of what it may light."""
         orders = np.arange(self._first - low - self._count, self._first - low + self._count)
-        shifted = place[None, :: max(1, len(place) // 500)] + math.tau * orders[:, None]
-        lit = ((shifted > self._ends[0]) & (shifted < self._ends[1])).mean(axis=1)
-        return orders[lit > share * lit.max()]
+        some = np.sort(place[:: max(1, len(place) // 500)])
+        low, high = (np.searchsorted(some, end - math.tau * orders) for end in self._ends)
+        return orders[high - low > share * (high - low).max()]
 
-    def _expected(self, first):
-        """Steps of the code from fringes of some orders on, shape (orders, cells)."""
-        reach = np.arange(2 * len(self._steps))
-        where = reach[None] + (first[:, None] - self._first) * _CELLS
+    def _expected(self, first, count: int):
+        """So many steps of the code from fringes of some orders on, shape (orders, count)."""
+        where = np.arange(count) + (first[:, None] - self._first) * _CELLS
         there = (where >= 0) & (where < len(self._steps))
         return np.where(there, self._steps[np.clip(where, 0, len(self._steps) - 1)], 0)
 
@@ -337,26 +336,24 @@ class OrderLikelihood:
         scatter = np.array(_SCATTERS, np.float32)[:, None, None, None]
         gain = np.array(_GAINS, np.float32)[:, None, None]
         precision = _precision(cells.noise, scatter)
-        seen = cells.step * precision
-        none = _student(seen)
+        none = _student(cells.step * precision)
         ratio = np.zeros((len(orders), len(_SCATTERS), len(_GAINS), len(cells.step)), np.float32)
         for each, first in zip(ratio, cells.first + orders - self._first, strict=True):
             # Beyond the code's steps an order is like none.
             low, high = (max(end - first * _CELLS, 0) for end in self._coded)
             here = np.s_[..., low:high]
-            expected = self._steps[low + first * _CELLS :][: seen[here].shape[-1]]
-            each += _student(seen[here] - gain * (expected * precision[here])).sum(axis=-1)
+            step, scale = cells.step[here], precision[here]
+            expected = self._steps[low + first * _CELLS :][: step.shape[-1]]
+            each += _student((step - gain * expected) * scale).sum(axis=-1)
             each -= none[here].sum(axis=-1)
         without = np.repeat((none + _log(precision)).sum(axis=-1), len(_GAINS), axis=0)
         return without, without + np.moveaxis(ratio, 0, 2).reshape(len(without), len(orders), -1)
 
     def _likelihood(self, cells: _Cells, orders, scatter, gain):
-        """Logarithm for each step under each order, shape (orders, *step.shape)."""
-        step = cells.step
-        expected = self._expected(cells.first + orders)[:, : step.shape[1]]
+        """Logarithm for each step under each order, less what all have, (orders, *step.shape)."""
+        expected = np.float32(gain) * self._expected(cells.first + orders, cells.step.shape[1])
         precision = _precision(cells.noise, np.float32(scatter))
-        x = step * precision - (np.float32(gain) * expected[:, None]) * precision
-        return _student(x) + _log(precision)
+        return _student((cells.step - expected[:, None]) * precision)
 
 
 def _totals(none, all_rows) -> tuple[NDArray[Any], float]:
@@ -408,8 +405,9 @@ def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArra
 
 def _of_words(each: NDArray[np.float32]) -> Any:
     """Sums of steps over the words about them, by one row of every few."""
-    words: Any = cv2.blur(each, _WORD_OF_FEW.shape[::-1], borderType=cv2.BORDER_CONSTANT)
-    return _FEW * _WORD_OF_FEW.size * words
+    size = _WORD_OF_FEW.shape[::-1]
+    words: Any = cv2.boxFilter(each, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return _FEW * words
 
 
 def _shown(words: NDArray[np.float32]) -> NDArray[np.float32]:

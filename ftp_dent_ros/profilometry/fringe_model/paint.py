@@ -66,10 +66,11 @@ def divide_paint(
         fine = Light.of(photograph, cells, light.has_stripe).unbroken
     inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
     for off in _OFF:
-        leaps = _leaps(cells, fine, _Fringes.of(grid, cells, start), inside, off)
-        if not _lie_in_most_windows(cells, leaps, inside):
+        fringes = _Fringes.of(grid, cells, start, fine)
+        edges = [_edges(cells, fringes, axis, inside, off) for axis in (1, 0)]
+        if not _lie_in_most_windows(cells, edges, inside):
             break
-        paint = _integral(leaps)
+        paint = _integral([_leaps(fringes, axis, edges[1 - axis]) for axis in (1, 0)])
         paint -= paint[inside].mean()
         shown = Light.of(photograph, grid, light.has_stripe, cells.at_pixels(np.exp(paint)))
         found = fit(shown)
@@ -91,61 +92,72 @@ def _in_cells(grid: BinGrid, cells: BinGrid, nodes: NDArray[np.float32]) -> NDAr
 
 @dataclass(frozen=True, eq=False)
 class _Fringes:
-    """Fringes in cells: their light over their level, and their phase."""
+    """Fringes in cells.
+
+    Attributes
+    ----------
+    light, about : ndarray, shape (rows, columns), float32
+        Of the photograph, and its range within half a fringe.
+    fitted, phase : ndarray, shape (rows, columns), float32
+        Light of the fringes over their level, and their phase.
+    """
 
     light: NDArray[np.float32]
+    about: NDArray[np.float32]
+    fitted: NDArray[np.float32]
     phase: NDArray[np.float32]
 
     @classmethod
-    def of(cls, grid: BinGrid, cells: BinGrid, start: Start) -> _Fringes:
+    def of(
+        cls, grid: BinGrid, cells: BinGrid, start: Start, light: NDArray[np.float32]
+    ) -> _Fringes:
         """Fringes as the first fit has them, of a smooth contrast."""
+        box = np.ones(cells.half_fringe[::-1], np.uint8)
+        about = cv2.dilate(light, box) - cv2.erode(light, box)
         level, swing = (
             grid.smooth_nodes(each, 2 * WIDTH) for each in (start.own.level, start.own.swing)
         )
         level = np.maximum(level, 2 * FAINTEST)
         contrast = np.minimum(swing, level - FAINTEST) / level
         phase = _in_cells(grid, cells, start.phase)
-        light = np.cos(phase)
-        light *= _in_cells(grid, cells, contrast)
-        light += 1
-        return cls(light, phase)
+        fitted = np.cos(phase)
+        fitted *= _in_cells(grid, cells, contrast)
+        fitted += 1
+        return cls(light, np.maximum(about, np.float32(2 * FAINTEST)), fitted, phase)
 
 
-def _leaps(
-    cells: BinGrid,
-    light: NDArray[np.float32],
-    fringes: _Fringes,
-    inside: NDArray[np.bool_],
-    off: float,
-) -> list[Leaps]:
-    """Leaps of the albedo's logarithm from cell to cell along u and along v, and their weights.
+def _edges(
+    cells: BinGrid, fringes: _Fringes, axis: int, inside: NDArray[np.bool_], off: float
+) -> NDArray[np.bool_]:
+    """Where the light leaps from cell to cell along an axis.
 
-    A leap is more than what the phase, so much off, makes of fringes of the light's range about.
-    In their troughs, which have hardly any of this range, leaps have hardly any weight.
+    By more than what the phase, so much off, makes of fringes of the light's range about.
     """
-    box = np.ones(cells.half_fringe[::-1], np.uint8)
-    about = np.maximum(cv2.dilate(light, box) - cv2.erode(light, box), np.float32(2 * FAINTEST))
-    leaps = []
-    fields = light, fringes.light, fringes.phase, about
-    for axis, fringe in ((1, cells.fringe[0]), (0, cells.fringe[1])):
-        (before, after), (dark, bright), (first, last), (lower, upper) = (
-            _neighbours(each, axis) for each in fields
-        )
-        within = np.logical_and(*_neighbours(inside, axis))
-        beyond = np.abs(after - before - (after + before) * (bright - dark) / (bright + dark))
-        most = np.maximum(lower, upper)
-        turn = np.abs(last - first) + np.float32(1 / (WIDTH * fringe))
-        noise = _SURE * deviation(beyond[_FEW][within[_FEW]])
-        edge = beyond > np.fmax(np.float32(off / 2) * turn * most, np.float32(noise))
-        edge = cv2.dilate(edge.view(np.uint8), np.ones((1, 3) if axis else (3, 1), np.uint8)) > 0
-        edge &= within
-        leap = np.zeros_like(beyond)
-        before, after = (np.maximum(each, np.float32(FAINTEST)) for each in (before, after))
-        leap[edge] = np.log(after[edge] * dark[edge] / (before[edge] * bright[edge]))
-        darker = np.square(np.minimum(before, after))
-        weight = darker / (darker + np.square(np.float32(DEVIATION / 2) * most))
-        leaps.append((leap, weight))
-    return leaps
+    (before, after), (dark, bright), (first, last), most = (
+        _neighbours(each, axis)
+        for each in (fringes.light, fringes.fitted, fringes.phase, fringes.about)
+    )
+    within = np.logical_and(*_neighbours(inside, axis))
+    beyond = 2 * np.abs(after * dark - before * bright) / (dark + bright)
+    turn = np.abs(last - first) + np.float32(1 / (WIDTH * cells.fringe[1 - axis]))
+    noise = _SURE * deviation(beyond[_FEW][within[_FEW]])
+    edge = beyond > np.fmax(np.float32(off / 2) * turn * np.maximum(*most), np.float32(noise))
+    edge = cv2.dilate(edge.view(np.uint8), np.ones((1, 3) if axis else (3, 1), np.uint8)) > 0
+    return edge & within
+
+
+def _leaps(fringes: _Fringes, axis: int, edge: NDArray[np.bool_]) -> Leaps:
+    """Leaps of the albedo's logarithm from cell to cell along an axis, and their weights.
+
+    In troughs of fringes, which have hardly any of the range about, leaps have hardly any weight.
+    """
+    before, after = _neighbours(np.maximum(fringes.light, np.float32(FAINTEST)), axis)
+    (dark, bright), most = (_neighbours(x, axis) for x in (fringes.fitted, fringes.about))
+    leap = np.zeros_like(before)
+    leap[edge] = np.log(after[edge] * dark[edge] / (before[edge] * bright[edge]))
+    darker = np.square(np.minimum(before, after))
+    weight = darker / (darker + np.square(np.float32(DEVIATION / 2) * np.maximum(*most)))
+    return leap, weight
 
 
 def _neighbours(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -153,14 +165,16 @@ def _neighbours(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[
     return (values[:, :-1], values[:, 1:]) if axis else (values[:-1], values[1:])
 
 
-def _lie_in_most_windows(cells: BinGrid, leaps: list[Leaps], inside: NDArray[np.bool_]) -> bool:
+def _lie_in_most_windows(
+    cells: BinGrid, edges: list[NDArray[np.bool_]], inside: NDArray[np.bool_]
+) -> bool:
     """Whether edges are within half a fringe of most cells."""
-    edges = np.zeros(inside.shape, np.uint8)
-    (across, _), (down, _) = leaps
-    edges[:, 1:] |= across != 0
-    edges[1:] |= down != 0
+    either = np.zeros(inside.shape, np.uint8)
+    across, down = edges
+    either[:, 1:] |= across
+    either[1:] |= down
     high, wide = (2 * math.ceil(n * WIDTH) + 1 for n in cells.fringe[::-1])
-    near = cv2.dilate(edges, np.ones((high, wide), np.uint8)) > 0
+    near = cv2.dilate(either, np.ones((high, wide), np.uint8)) > 0
     return 2 * np.count_nonzero(near & inside) > np.count_nonzero(inside)
 
 

@@ -78,10 +78,15 @@ class Solver:
     Parameters
     ----------
     grid : BinGrid
+    light, usable : ndarray, shape (rows, columns), float32
+        Of the bins, and what share of it tells.
     """
 
-    def __init__(self, grid: BinGrid) -> None:
-        self.grid = grid
+    def __init__(
+        self, grid: BinGrid, light: NDArray[np.float32], usable: NDArray[np.float32]
+    ) -> None:
+        self.grid, self._light, self._usable = grid, light, usable
+        self._seen = np.maximum(self._about(usable), 1e-3)
         along_u, along_v = (max(1, round(ASIDE * each)) for each in grid.fringe)
         self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
         freedom = grid.bins_in_window
@@ -90,28 +95,23 @@ class Solver:
         # Of noise n fits of three unknowns leave 1 - 6 (1 + 1/2 + ... + 1/2n) / bins.
         self._followed = 6 * sum(1 / n for n in range(1, 2 * OF_NOISE + 1)) / freedom
 
-    def solve(
-        self,
-        light: NDArray[np.float32],
-        usable: NDArray[np.float32],
-        surfaces: Surfaces,
-        waveform: Waveform,
-    ) -> FringeFit:
+    def solve(self, surfaces: Surfaces, waveform: Waveform) -> FringeFit:
         """Fit from surfaces whose phase is right to a third of a fringe."""
-        fit = self._started(light, usable, surfaces, waveform)
+        fit = self._started(surfaces, waveform)
         for _ in range(_ROUNDS):
-            fit, windows, rest = self._round(light, usable, fit)
+            fit, windows, change = self._round(fit)
+        rest = change.rest + np.float32(ROUNDING)
         # Windows without most of their light are none to go on from.
-        rest[2 * self.grid.window_sums(usable) <= 1] = np.inf
+        rest[2 * self.grid.window_sums(self._usable) <= 1] = np.inf
         # Detail that these have resolved is no edge.
-        fit = self._clearest(light, usable, fit, rest, surfaces.reference)
+        fit = self._clearest(fit, rest, surfaces.reference)
         at_nodes = (np.maximum(self.grid.at_nodes(x), 1) for x in (fit.level, fit.amplitude))
         variance, ratios = windows.variances(*at_nodes)
-        fit, *_ = self._round(light, usable, fit, is_robust=True)
+        fit, *_ = self._round(fit, is_robust=True)
         fit = self._unblurred(fit)
-        wave, slope, residual, precision = self._misfit(light, fit)
+        wave, slope, residual, precision = self._misfit(fit)
         residual *= np.sqrt(precision)
-        scale = self._scale(usable, residual)
+        scale = self._scale(residual)
         variance *= scale * np.float32(math.exp(self._followed) / self.grid.bins_in_window)
         return replace(
             fit,
@@ -123,18 +123,18 @@ class Solver:
             ratios=ratios,
         )
 
-    def _started(self, light, usable, surfaces: Surfaces, waveform) -> FringeFit:
-        """The first fit, and the waveform's response, of the numbered fringes.
+    def _started(self, surfaces: Surfaces, waveform) -> FringeFit:
+        """The first fit, and the waveform's response, which numbered fringes show.
 
         The phase of the start is smooth. Later ones follow the response as ripples, so that the
         light does not show it any more.
         """
-        grid, phase = self.grid, surfaces.phase
+        grid, light, phase = self.grid, self._light, surfaces.phase
         fit = FringeFit(phase, *6 * (light,), waveform, light)
-        numbered = usable * grid.repeated(surfaces.known)
+        numbered = self._usable * grid.repeated(surfaces.known)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
-            first = Windows(grid, wave, slope, usable).fit(light)
+            first = Windows(grid, wave, slope, self._usable).fit(light)
             level, amplitude, shift = (
                 grid.at_bins(each) for each in (first.level, first.amplitude, first.slope)
             )
@@ -145,13 +145,13 @@ class Solver:
         shift = np.clip(first.slope / np.maximum(first.amplitude, 1), -1, 1)
         return replace(fit, phase=phase + grid.at_bins(grid.smooth_nodes(shift, WIDTH)))
 
-    def _round(self, light, usable, fit, is_robust: bool = False):
-        """The fit after a round, its windows, and what they leave of their light."""
-        wave, slope, residual, weight = self._misfit(light, fit)
+    def _round(self, fit, is_robust: bool = False):
+        """The fit after a round, and the windows and the fit to what was left before."""
+        wave, slope, residual, weight = self._misfit(fit)
         if is_robust:
-            weight *= self._weight(usable, residual * np.sqrt(weight))
-        else:
-            weight *= usable
+            in_noise = residual * np.sqrt(weight)
+            weight *= _redescending(in_noise, self._limit(in_noise))
+        weight *= self._usable
         slope *= fit.amplitude
         windows = Windows(self.grid, wave, slope, weight)
         change = windows.fit(residual)  # eq. 3
@@ -159,8 +159,7 @@ class Solver:
         np.clip(shift, -1, 1, out=shift)
         for each, more in ((level, fit.level), (amplitude, fit.amplitude), (shift, fit.phase)):
             each += more
-        rest = change.rest + np.float32(ROUNDING)
-        return replace(fit, phase=shift, level=level, amplitude=amplitude), windows, rest
+        return replace(fit, phase=shift, level=level, amplitude=amplitude), windows, change
 
     def _unblurred(self, fit) -> FringeFit:
         """The fit without half of what the camera's blur may shift it by (eq. 15).
@@ -182,11 +181,11 @@ class Solver:
         """F and its derivative in the blur of the columns."""
         return fit.waveform.at(phase, self.grid.across)
 
-    def _misfit(self, light, fit):
+    def _misfit(self, fit):
         """F, its derivative, the light less the model (eq. 1), and the noise's precision there."""
         wave, slope = self._wave(fit, fit.phase)
         model = fit.level + fit.amplitude * wave
-        return wave, slope, light - model, fit.noise.precision(model, fit.level)
+        return wave, slope, self._light - model, fit.noise.precision(model, fit.level)
 
     def _sharpened(self, windows: Windows, fit: LocalFit, weight) -> list[NDArray[Any]]:
         """Level, amplitude and shift of the bins without the windows' own smoothing of them."""
@@ -200,47 +199,38 @@ class Solver:
             sharpened.append(self.grid.at_bins(sharp))
         return sharpened
 
-    def _weight(self, usable, residual) -> NDArray[np.float32]:
-        """Weights of the bins (eq. 5)."""
-        scale = np.maximum(self._scale(usable, residual), np.float32(ROUNDING))
-        limit = self.grid.at_bins(1 / (np.float32(_REDESCENDS**2) * scale))
-        far = residual * residual
-        far *= limit
-        far += 1
-        far *= far
-        weight: NDArray[np.float32] = usable / far
-        return weight
+    def _limit(self, residual) -> NDArray[np.float32]:
+        """Inverse square of the residuals from which on bins count less (eq. 5)."""
+        scale = np.maximum(self._scale(residual), np.float32(ROUNDING))
+        return self.grid.at_bins(1 / (np.float32(_REDESCENDS**2) * scale))
 
-    def _scale(self, usable, residual) -> NDArray[np.float32]:
+    def _scale(self, residual) -> Any:
         """Mean square of the residuals about the nodes."""
-        size = self._about(usable * np.abs(residual)) / np.maximum(self._about(usable), 1e-3)
+        size = self._about(self._usable * np.abs(residual)) / self._seen
         # Of a Gaussian, by its mean absolute value.
-        scale: NDArray[np.float32] = np.float32(np.pi / 2) * size * size
-        return scale
+        return np.float32(np.pi / 2) * size * size
 
-    def _learned(self, fit, usable, model, residual) -> FringeFit:
+    def _learned(self, fit, weight, model, residual) -> FringeFit:
         """The fit with response and noise as every few bins together show them (eqs. 4, 5)."""
-        precision = fit.noise.precision(model, fit.level)
-        weight = self._weight(usable, residual * np.sqrt(precision))
-        scale = self._scale(usable, residual)
-        few = np.s_[::_EVERY, ::_EVERY]
-        size = np.maximum(fit.amplitude, 1)
-        weight *= fit.amplitude > 1
-        phase, size, model, residual, weight, scale = (
-            each[few].ravel()
-            for each in (fit.phase, size, model, residual, weight, self.grid.at_bins(scale))
+        in_noise = residual * np.sqrt(fit.noise.precision(model, fit.level))
+        about = self.grid.at_bins(self._scale(residual)), self._limit(in_noise)
+        bins = fit.phase, fit.amplitude, weight, model, residual, in_noise, *about
+        phase, amplitude, weight, model, residual, in_noise, scale, limit = (
+            each[::_EVERY, ::_EVERY].ravel() for each in bins
         )
+        weight = weight * (amplitude > 1) * _redescending(in_noise, limit)
+        size = np.maximum(amplitude, 1)
         waveform = fit.waveform.corrected(phase, residual / size, weight * size * size)
         noise = LightNoise.of(model, residual, weight, scale)
         return replace(fit, waveform=waveform, noise=noise)
 
-    def _clearest(self, light, usable, fit, rest, reference):
+    def _clearest(self, fit, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
 
         A window must explain its own light as well: one across an edge does not. From windows at
         the sides the phase goes on in a straight line.
         """
-        step, (height, width) = self.grid.node, light.shape
+        step, (height, width) = self.grid.node, self.grid.shape
         beside = np.minimum.reduce([moved(rest, round(u / step), v) for u, v in self._sides])
         across = self.grid.repeated(rest > self._across * beside)
         if not across.any():
@@ -248,14 +238,16 @@ class Solver:
         # What the boxes of bins across an edge hold.
         near = np.flatnonzero(cv2.dilate(across.view(np.uint8), self._box, iterations=2))
         row, column = np.divmod(near, width)
-        across, light, usable = (each.ravel()[near] for each in (across, light, usable))
-        ahead = reference.ravel()[near]
+        across, light, usable = (
+            each.ravel()[near] for each in (across, self._light, self._usable)
+        )
+        ahead, place = reference.ravel()[near], self.grid.across[column]
         rest = self.grid.repeated(rest).ravel()
         fitted = [each.ravel() for each in (fit.level, fit.amplitude, fit.phase - reference)]
         misfit = np.zeros((height, width), np.float32)
 
         def misfit_of(level, amplitude, away, rest):
-            wave, _ = fit.waveform.at(ahead + away, self.grid.across[column])
+            wave, _ = fit.waveform.at(ahead + away, place)
             np.put(misfit, near, usable * np.square(light - level - amplitude * wave))
             # Of the boxes that hold a bin the clearest: at an edge that on its side.
             return cv2.erode(self.grid.around(misfit), self._box).ravel()[near] + rest
@@ -285,3 +277,12 @@ class Solver:
         along_u, along_v = self.grid.fringe
         size = round(_SCALE * along_u / self.grid.node), round(_SCALE * along_v)
         return cv2.blur(self.grid.at_nodes(bins), size)
+
+
+def _redescending(residual: NDArray[np.float32], limit: NDArray[np.float32]) -> NDArray[Any]:
+    """Weights of residuals (eq. 5)."""
+    far = residual * residual
+    far *= limit
+    far += 1
+    far *= far
+    return 1 / far

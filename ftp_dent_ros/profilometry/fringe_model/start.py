@@ -121,7 +121,7 @@ def fit_planes(
         fits.append(plane.windows(grid, usable).fit(fringed))
         share = 1 - fits[-1].rest / np.maximum(fits[-1].total, np.float32(1e-6))
         explained.append(cv2.blur(share, (5, 9)))
-    best = int(np.argmax([each[each > 0.5].sum() for each in explained]))
+    best = int(np.argmax([np.sum(each * (each > 0.5)) for each in explained]))
     explained[best] += _BETTER
     most = np.maximum.reduce(explained)
     chosen = [each == most for each in explained]
@@ -212,7 +212,8 @@ def _leaps(
     # Along one edge two phases drift, and meet here and there by chance; all of it leaps, or none.
     joined: Any = cv2.dilate(edge.view(np.uint8), np.ones((3, 3), np.uint8))
     count, line = cv2.connectedComponents(joined)
-    usual = np.zeros(count)
-    usual[1:] = ndimage.median(leap, np.where(leap >= 0, line, 0), np.arange(1, count))
-    leaps: NDArray[np.bool_] = rim | ((joined > 0) & (usual > LEAP)[line])
+    # An edge without a crest leaps as little as what is none.
+    of_crests = (np.append(each[leap >= 0], none) for each, none in ((leap, -1), (line, 0)))
+    usual = ndimage.median(*of_crests, np.arange(count))
+    leaps: NDArray[np.bool_] = rim | (usual > LEAP)[line]
     return leaps
