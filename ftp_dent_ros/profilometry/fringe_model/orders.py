@@ -286,8 +286,9 @@ class OrderLikelihood:
             part = part[::_FEW, _CELLS // 2 :][:, : words.shape[2]]
             part[row, cell] = True
             words[:, cv2.dilate(part.view(np.uint8), _WORD_OF_FEW) > 0] = 0
-        low, high = _least_and_most(local, _EDGE)
-        return np.where(low == high, local, _NONE)
+        around = np.ones((_EDGE, _EDGE * _CELLS), np.uint8)
+        even = cv2.erode(local, around) == cv2.dilate(local, around)
+        return np.where(even, local, _NONE)
 
     def _explained(self, cells: _Cells, local) -> float:
         """Share of the steps' squares, in the rows of each part together, that the code explains.
@@ -346,7 +347,8 @@ class OrderLikelihood:
             expected = self._steps[low + first * _CELLS :][: step.shape[-1]]
             each += _student((step - gain * expected) * scale).sum(axis=-1)
             each -= none[here].sum(axis=-1)
-        without = np.repeat((none + _log(precision)).sum(axis=-1), len(_GAINS), axis=0)
+        scale = np.float32(_SAME) * np.log(np.where(precision > 0, precision, 1))
+        without = np.repeat((none + scale).sum(axis=-1), len(_GAINS), axis=0)
         return without, without + np.moveaxis(ratio, 0, 2).reshape(len(without), len(orders), -1)
 
     def _likelihood(self, cells: _Cells, orders, scatter, gain):
@@ -386,11 +388,6 @@ def _student(x: NDArray[np.float32]) -> NDArray[np.float32]:
     density: Any = cv2.log(x.reshape(-1, x.shape[-1])) if x.size else x
     density *= np.float32(-(_FREEDOM + 1) / 2 * _SAME)
     return density.reshape(x.shape)
-
-
-def _log(precision: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What their scale adds to it."""
-    return np.float32(_SAME) * np.log(np.where(precision > 0, precision, 1))
 
 
 def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -469,12 +466,6 @@ def _minimum_cut(
     part[breadth_first_order(left, count, return_predecessors=False)] = True
     edge = between[part[one] != part[other]].sum()
     return part[:count].reshape(ahead.shape), float(edge)
-
-
-def _least_and_most(local: NDArray[np.int16], fringes: int) -> tuple[Any, Any]:
-    """The least and the largest index within words of so many fringes."""
-    around = np.ones((fringes, fringes * _CELLS), np.uint8)
-    return cv2.erode(local, around), cv2.dilate(local, around)
 
 
 def _steps(values: NDArray) -> NDArray:

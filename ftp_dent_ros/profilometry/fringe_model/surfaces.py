@@ -20,7 +20,6 @@ from ftp_dent_ros.profilometry.fringe_model.bins import (
     BinGrid,
     GridGeometry,
     Nearest,
-    dilated,
     wider_than_windows,
 )
 from ftp_dent_ros.profilometry.fringe_model.light import Light
@@ -123,9 +122,7 @@ class Surfaces:
 
     def solvable(self, grid: BinGrid, lit: NDArray[np.bool_], start: Start) -> NDArray[np.bool_]:
         """Bins between the ends, with whole windows on a surface, or near another one."""
-        along_u, along_v = grid.fringe
-        reach = (round(_ACROSS * n) for n in (along_v, along_u / grid.node))
-        whole = ~dilated(~self.known, *reach)
+        whole = ~grid.within(~self.known, _ACROSS)
         other = wider_than_windows((start.surface >= 0) & ~self.known)
         return lit | grid.repeated(whole | grid.within(other, 2 * _ACROSS))
 
@@ -150,7 +147,6 @@ def _stretches(total: NDArray[np.float64], across: int) -> NDArray[np.bool_]:
     highest = np.maximum.accumulate(total[:, :0:-1], axis=1)[:, ::-1]
     around = np.where(within, highest - lowest, 0).ravel()
     begins = within & ~np.pad(within, ((0, 0), (1, 0)))[:, :-1]
-    run = np.maximum(np.cumsum(begins) - 1, 0)
-    best = np.maximum.reduceat(around, np.flatnonzero(begins)) if begins.any() else around
-    lit: Any = ((around == best[run]) & (around > 0)).reshape(within.shape).view(np.uint8)
+    best = np.maximum.reduceat(around, np.append(0, np.flatnonzero(begins)))[np.cumsum(begins)]
+    lit: Any = ((around == best) & (around > 0)).reshape(within.shape).view(np.uint8)
     return cv2.dilate(lit, np.ones((across, 1), np.uint8)) > 0
