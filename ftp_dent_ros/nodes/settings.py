@@ -496,7 +496,7 @@ class DentInspectorSettings:
     )
     smallest_width: float = setting(
         SmallestDent.smallest_width,
-        'Narrower ones are rivets, scratches and gaps: not reported, metres.',
+        'Narrower ones are rivets, scratches and gaps: no dents, metres.',
         minimum=RANGES['smallest_width'][0],
         maximum=RANGES['smallest_width'][1],
     )

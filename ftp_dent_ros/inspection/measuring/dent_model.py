@@ -53,9 +53,9 @@ def model_axes(patch: Patch, sizes: Sizes) -> tuple[Estimate, Estimate]:
     fit = least_squares(
         lambda each: dent_function(each, x, y) - depth,
         start,
+        method='lm',
         x_scale='jac',
         ftol=1e-4,
-        max_nfev=30,
     )
     if not fit.success:
         return nothing, nothing

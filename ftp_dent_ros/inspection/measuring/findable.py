@@ -14,7 +14,6 @@ from ftp_dent_ros.inspection.measuring.detection import TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
 from ftp_dent_ros.inspection.measuring.lattice import LEAST, Lattice
 from ftp_dent_ros.inspection.measuring.noise import RATE, Map
-from ftp_dent_ros.inspection.measuring.patch import DOUBT
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Of a normal distribution, 95 %: noise hides a dent that is no deeper than what must be seen in
@@ -55,9 +54,8 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
         seen = np.maximum((significant + _SURELY) * spread, LEAST * settings.smallest_depth)
         places.append(seen / left(OF_WAVES, scale**2))
     once, twice, restored = (left(OF_WAVES * order) for order in (1, 2, 3))
-    doubt = np.hypot(DOUBT * (twice - once), restored - twice)
     spread = np.hypot(skin.noise.after(math.sqrt(square) / 2), wavy)
-    sure = restored - _SURELY * doubt
+    sure = restored - _SURELY * (twice - once)
     known = (settings.smallest_depth + _SURELY * spread) / np.maximum(sure, 1e-6)
     least = np.maximum(reduce(np.minimum, places), known)
     return np.minimum(least, STEEP * width).astype(np.float32)

@@ -2,7 +2,7 @@
 
 With sizes on the contour at 10 % of the depth:
 
-- nothing: shallower than the smallest dent; or surely narrower, and no valley: a rivet.
+- nothing: shallower than the smallest dent; or surely narrower, and outward: a rivet.
 - *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
   as where a wing's root meets the fuselage; or its bottom is not measured; or the rim of the
   measured area cuts it, and what is seen of it is shallow or narrower than the smallest dent; or
@@ -51,8 +51,7 @@ def kind_of(
     """
     depth, width, least = sizes.depth.value, sizes.width.value, settings.smallest_width
     surely = width + COVERAGE * sizes.width.uncertainty < least
-    long = min(sizes.length.value / width, sizes.slender) > LONG
-    if (surely and (not long or sizes.is_cut)) or depth < settings.smallest_depth:
+    if (surely and sign < 0) or depth < settings.smallest_depth:
         return '', ''
     if depth > STEEP * max(width, least):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
@@ -64,7 +63,7 @@ def kind_of(
     if sizes.is_cut and min(depth / AT_RIM / settings.smallest_depth, width / least) < 1:
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
     bluntness = 8 * depth * sizes.radius / width**2
-    valley = sign > 0 and long
+    valley = sign > 0 and min(sizes.length.value / width, sizes.slender) > LONG
     if valley and _SHARP <= bluntness < 1 and width < _UNRESOLVED * resolution:
         return 'crease', 'too narrow to see how sharp it is'
     if not is_sure:

@@ -118,7 +118,7 @@ def _alone(
 
     A dent is as deep on one side of its peak as on the other: in this ratio they share what is
     there (Lupton, The SDSS image deblender, 2005). Where that side is not known, or none claims
-    anything, it is divided where water would divide.
+    anything, it is divided where water would divide; and what else that would change is in doubt.
     """
     marks = np.zeros(patch.depth.shape, np.int32)
     for index, at in enumerate(peaks, 1):
@@ -138,8 +138,13 @@ def _alone(
         least = np.where(known, 1e-6, values) * (found == index)
         claims.append(np.maximum(opposite * known, least))
     total = np.maximum(sum(claims), 1e-12)
-    for at, claim in zip(peaks, claims, strict=True):
-        yield at, replace(patch, depth=np.float32(patch.depth * claim / total))
+    for index, (at, claim) in enumerate(zip(peaks, claims, strict=True), 1):
+        share, doubts = np.float32(claim / total), patch.doubts
+        if peaks[1:]:
+            # A range is its half over the root of three uncertain.
+            unsure = patch.depth * ((found == index) - share) / np.float32(math.sqrt(12))
+            doubts = np.concatenate([unsure[None], doubts])
+        yield at, replace(patch, depth=patch.depth * share, doubts=doubts)
 
 
 def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:

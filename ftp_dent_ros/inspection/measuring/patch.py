@@ -22,8 +22,6 @@ from ftp_dent_ros.inspection.measuring.skin import Skin
 _ACROSS = 48
 # Smoothing of what noise may make as deep, as a part of its width; of what is deeper less.
 _WIDEST = 0.15
-#: Of what is put back: how far resolutions are off, as a part of it.
-DOUBT = 0.7
 
 Map = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -99,25 +97,21 @@ class Patch:
         found = np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
         return np.asarray(found, float)
 
-    def with_noise(self, pairs: int, unsure: float) -> Iterator[Patch]:
-        """The patch as it may have been measured as well, an even number of pairs.
+    def varied(self, fields: int, unsure: float) -> Iterator[Patch]:
+        """The patch as it may have been measured as well, in pairs that differ by one thing.
 
-        With half as much noise as it has, a share of what is in doubt, and a skin that is off by
-        a share of `unsure`, metres; and with the opposite of all that.
+        By its noise, drawn an even number of times; then by each doubt, of which the last one
+        has that of the skin, `unsure`, metres.
         """
         rng = np.random.default_rng(0)
         # White noise has a white spectrum; the two parts of a complex field are independent.
-        white = rng.standard_normal((pairs // 2, *self.depth.shape, 2), np.float32)
-        spectra = self.passed * white.view(np.complex64)[..., 0]
-        fields = scipy.fft.ifft2(spectra, norm='ortho')
-        # Together the pairs draw each doubt with its variance, and no two of them alike.
-        offset = np.full((1, *self.depth.shape), unsure, np.float32)
-        doubts = np.concatenate([self.doubts, offset])
-        shares = np.linalg.qr(rng.standard_normal((pairs, len(doubts))))[0] * math.sqrt(pairs)
-        for drawn, share in zip((*fields.real, *fields.imag), np.float32(shares), strict=True):
-            half = (self.strays * drawn + np.tensordot(share, doubts, 1)) / 2
-            yield replace(self, depth=self.depth + half)
-            yield replace(self, depth=self.depth - half)
+        white = rng.standard_normal((fields // 2, *self.depth.shape, 2), np.float32)
+        drawn = scipy.fft.ifft2(self.passed * white.view(np.complex64)[..., 0], norm='ortho')
+        strays = self.strays * np.concatenate([drawn.real, drawn.imag])
+        *doubts, last = self.doubts
+        for off in (*strays, *doubts, np.hypot(last, np.float32(unsure))):
+            yield replace(self, depth=self.depth + off / 2)
+            yield replace(self, depth=self.depth - off / 2)
 
 
 def ellipse_of(mask: Mask) -> tuple[Map, Map]:
@@ -179,7 +173,9 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
     window, fits = lattice.windows(own, OF_WAVES)
     is_stated = lattice.resolution is not None
-    depth, doubts = _restored(depth, known, (window / step[0], window / step[1]), fits, is_stated)
+    depth, first, anywhere = _restored(
+        depth, known, (window / step[0], window / step[1]), fits, is_stated
+    )
     bridged, unsure, gaps = (
         np.asarray(cv2.resize(spread(np.float32(each), cv2.INTER_LINEAR), known.shape[::-1]))
         for each in skin.bridged
@@ -198,7 +194,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
         x,
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, np.float32(0))),
-        np.stack([*doubts, gap_doubt]).astype(np.float32),
+        np.stack([first, np.hypot(anywhere, gap_doubt)]).astype(np.float32),
         np.float32(share * level),
         passed / level,
         known | over,
@@ -261,19 +257,19 @@ def _taken(values: Map, known: Mask, sigma: tuple[float, float], fits: int) -> M
 
 def _restored(
     depth: Map, known: Mask, sigma: tuple[float, float], fits: int, is_stated: bool
-) -> tuple[Map, list[Map]]:
+) -> tuple[Map, Map, Map]:
     """Depths with what the reconstruction smoothed away, and what of that is in doubt.
 
     What the windows leave out of the surface as it is was left out of it before, but for what is
-    finer; the same of that again is the next order, and bounds the rest (the Neumann series of
-    the inverse; van Cittert, Z. Phys. 69, 298, 1931). Of a resolution that is not known nothing
-    is put back, but what one Gaussian would ask for is in doubt.
+    finer; the same of that again is the next order (the Neumann series of the inverse; van
+    Cittert, Z. Phys. 69, 298, 1931). All of that is in doubt: as it is put back, and wherever
+    else in a window, for light and shade bend the response. Of a resolution that is not known
+    nothing is put back, but what one Gaussian would ask for is in doubt.
     """
     first = _taken(depth, known, sigma, fits)
-    if not is_stated:
-        return depth, [first]
+    anywhere = np.sqrt(_mean(first * first, known, sigma))
     second = _taken(first, known, sigma, fits)
-    return depth + first + second, [DOUBT * first, second]
+    return depth + is_stated * (first + second), first, anywhere
 
 
 def _passed(

@@ -22,10 +22,10 @@ from ftp_dent_ros.inspection.measuring.outline import (
 from ftp_dent_ros.inspection.measuring.patch import Mask, Patch
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
-# Pairs of opposite noise that a dent is measured again with, and how much wider so few make an
-# interval of 95 %.
-_PAIRS = 6
-_WIDER = stdtrit(_PAIRS, 0.975) / ndtri(0.975)
+# Fields of noise that a dent is measured again with, and how much wider so few make an interval
+# of 95 %.
+_FIELDS = 4
+_WIDER = stdtrit(_FIELDS, 0.975) / ndtri(0.975)
 #: Part of the depth above which the bottom is.
 CAP = 0.85
 # Places across the bottom, in widths.
@@ -91,16 +91,18 @@ def sizes_of(patch: Patch, at: tuple[int, int], skin: Skin) -> Sizes | None:
     cut = is_cut(patch, outline)
     wide = (1 + cut) * outline.width
     unsure = skin.uncertainty(*outline.centre, wide)
-    again = [_measured(each, at) for each in patch.with_noise(_PAIRS, unsure)]
-    drawn = np.array([each[0] for each in again if each is not None])
-    if len(drawn) < _PAIRS:
+    again = [_measured(each, at) for each in patch.varied(_FIELDS, unsure)]
+    drawn = [each[0] for each in again if each is not None]
+    if len(drawn) < len(again):
         return None
-    off = drawn - values
-    off[:, 3] = (off[:, 3] + math.pi / 2) % math.pi - math.pi / 2
+    off = np.reshape(drawn, (-1, 2, len(values))) - values
+    off[..., 3] = (off[..., 3] + math.pi / 2) % math.pi - math.pi / 2
     # Noise makes the longest distance longer, and the deepest place deeper: it goes with the
     # variance, of which half of the noise has a quarter.
-    more = 4 * off.mean(axis=0)
-    spread = np.hypot(_WIDER * 2 * off.std(axis=0, ddof=1), more / 2)
+    more = 4 * off[:_FIELDS].mean(axis=(0, 1))
+    apart = np.square(off[:, 0] - off[:, 1])
+    noise = _WIDER**2 * apart[:_FIELDS].mean(axis=0)
+    spread = np.sqrt(noise + apart[_FIELDS:].sum(axis=0) + np.square(more / 2))
     values = np.where(values > 0, values * values / np.maximum(values + more, values / 2), values)
     # The length is the longest distance: what would make it shorter than the width, is of both.
     middle = values[1:3].mean()

@@ -356,6 +356,13 @@ def test_a_long_valley_with_a_sharp_bottom_is_a_crease():
     assert [kind for kind, _ in kind_of_it(blunt)] == ['dent']
 
 
+@pytest.mark.parametrize('sign', [1, -1])
+def test_what_is_surely_narrow_is_in_doubt_inward_and_a_rivet_outward(sign):
+    cap = sign * 4e-4 * np.maximum(1 - (X**2 + Y**2) / 3.8e-3**2, 0)
+    wanted = [('other', 'narrower than the smallest dent')] if sign > 0 else []
+    assert kind_of_it(cap) == wanted
+
+
 def test_a_narrow_valley_is_in_no_list_of_dents_and_in_the_other():
     narrow = 8e-4 * VALLEY * np.exp(-((Y / 2.5e-3) ** 2))
     ((kind, reason),) = kind_of_it(narrow)
