@@ -194,7 +194,6 @@ def test_the_rim_is_kept_in_ambient_light(case):
 FAINT = pytest.mark.xfail(
     strict=True, reason='in the dent 1.4 to 1.6 sigma: fine detail is taken for noise'
 )
-SURER = pytest.mark.xfail(reason='0.545 sigma beside the dent')
 
 
 @pytest.mark.parametrize(
@@ -202,7 +201,7 @@ SURER = pytest.mark.xfail(reason='0.545 sigma beside the dent')
     [
         pytest.param('speckle', marks=FAINT),
         pytest.param('ambient', marks=FAINT),
-        pytest.param('gamma', marks=SURER),
+        'gamma',
         'moving',
     ],
 )

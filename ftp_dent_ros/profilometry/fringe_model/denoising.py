@@ -26,7 +26,7 @@ _COUNT = 7
 # Widths of windows over which noise is a mean: 9 times as many count. Energy is the mean over one.
 _AVERAGED = 3.0
 # Energy over the noise's that shows the skin's shape, which noise has in one place of 10,000; and
-# where the coarser octave's shape is as strong, in one place of 20.
+# that is shape if the next octave's shape is stronger than this noise: in one place of 20.
 _SHOWN, _STRAYS = (
     np.float32(fdtri(_COUNT, _COUNT * _AVERAGED**2, 1 - each)) for each in (1e-4, 0.05)
 )
@@ -93,7 +93,7 @@ def denoise(
         energy = mean.of(detail * detail, width)
         strays = energy > _STRAYS * noise
         signal = np.where(strays, energy - noise, 0)
-        has_shape = (energy > _SHOWN * noise) | (strays & (coarser > _SHOWN * noise))
+        has_shape = (energy > _SHOWN * noise) | (strays & (coarser > noise))
         coarser = np.where(has_shape, signal, 0)
         gain = mean.of(coarser / np.maximum(energy, np.float32(1e-12)), WIDTH * width)  # eq. 9
         kept += gain * detail

@@ -131,7 +131,7 @@ class Solver:
         """
         grid, light, phase = self.grid, self._light, surfaces.phase
         fit = FringeFit(phase, *6 * (light,), waveform, light)
-        numbered = self._usable * grid.repeated(surfaces.known)
+        numbered = grid.repeated(surfaces.known)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
             first = Windows(grid, wave, slope, self._usable).fit(light)
@@ -210,15 +210,15 @@ class Solver:
         # Of a Gaussian, by its mean absolute value.
         return np.float32(np.pi / 2) * size * size
 
-    def _learned(self, fit, weight, model, residual) -> FringeFit:
+    def _learned(self, fit, numbered, model, residual) -> FringeFit:
         """The fit with response and noise as every few bins together show them (eqs. 4, 5)."""
         in_noise = residual * np.sqrt(fit.noise.precision(model, fit.level))
         about = self.grid.at_bins(self._scale(residual)), self._limit(in_noise)
-        bins = fit.phase, fit.amplitude, weight, model, residual, in_noise, *about
-        phase, amplitude, weight, model, residual, in_noise, scale, limit = (
+        bins = fit.phase, fit.amplitude, self._usable, numbered, model, residual, in_noise, *about
+        phase, amplitude, weight, numbered, model, residual, in_noise, scale, limit = (
             each[::_EVERY, ::_EVERY].ravel() for each in bins
         )
-        weight = weight * (amplitude > 1) * _redescending(in_noise, limit)
+        weight = weight * (numbered & (amplitude > 1)) * _redescending(in_noise, limit)
         size = np.maximum(amplitude, 1)
         waveform = fit.waveform.corrected(phase, residual / size, weight * size * size)
         noise = LightNoise.of(model, residual, weight, scale)

@@ -143,9 +143,8 @@ def _stretches(total: NDArray[np.float64], across: int) -> NDArray[np.bool_]:
     )
     total = total[below] - total[above]
     within = np.diff(total, axis=1) > -_NEVER / 2
-    lowest = np.minimum.accumulate(total[:, :-1], axis=1)
-    highest = np.maximum.accumulate(total[:, :0:-1], axis=1)[:, ::-1]
-    around = np.where(within, highest - lowest, 0).ravel()
+    around = np.maximum.accumulate(total[:, :0:-1], axis=1)[:, ::-1]
+    around = np.where(within, around - np.minimum.accumulate(total[:, :-1], axis=1), 0).ravel()
     begins = within & ~np.pad(within, ((0, 0), (1, 0)))[:, :-1]
     best = np.maximum.reduceat(around, np.append(0, np.flatnonzero(begins)))[np.cumsum(begins)]
     lit: Any = ((around == best) & (around > 0)).reshape(within.shape).view(np.uint8)
