@@ -12,8 +12,7 @@ from ftp_dent_ros.process import one_for_blas
 # Boards, a radio and the truth of photographs, which tests and benchmarks share.
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'benchmarks'))
 
-# Workers and processes of tests compile the package once, not each, where none is to be written
-# beside it.
+# Where no bytecode may lie beside the package, each worker and process would compile it anew.
 if os.environ.pop('PYTHONDONTWRITEBYTECODE', ''):
     os.environ['PYTHONPYCACHEPREFIX'] = str(Path(__file__).parents[1] / '.pytest_cache/bytecode')
 

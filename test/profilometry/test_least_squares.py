@@ -139,6 +139,14 @@ def test_no_point_beyond_a_step_is_wrong(step, along):
     assert np.abs(error[cloud.valid & seen.lit()]).max() < 1e-3
 
 
+@pytest.mark.parametrize('wide', [24, 48])
+def test_a_strip_beyond_a_shadow_is_covered_up_to_it(wide):
+    seen = Scene.of(panel(half=0.2, dents=()))
+    end = int(np.flatnonzero(seen.lit()[300])[-1]) - wide
+    seen.image[150:, end - 80 : end] = 0
+    assert measure(seen).cloud.valid[170:400, end + 2 : end + wide].mean() > 0.99
+
+
 EDGE = pytest.mark.xfail(reason='2 or 3 pixels at the edge, 1.0 and 1.7 mm off')
 
 

@@ -118,7 +118,7 @@ def _alone(
 
     A dent is as deep on one side of its peak as on the other: in this ratio they share what is
     there (Lupton, The SDSS image deblender, 2005). Where that side is not known, or none claims
-    anything, it is divided where water would divide; and what else that would change is in doubt.
+    anything, water divides the place. How far the two divisions differ is in doubt.
     """
     marks = np.zeros(patch.depth.shape, np.int32)
     for index, at in enumerate(peaks, 1):

@@ -100,8 +100,8 @@ class Patch:
     def varied(self, fields: int, unsure: float) -> Iterator[Patch]:
         """The patch as it may have been measured as well, in pairs that differ by one thing.
 
-        By its noise, drawn an even number of times; then by each doubt, of which the last one
-        has that of the skin, `unsure`, metres.
+        First by noise, drawn an even number of times; then by each doubt. The last doubt grows
+        by the skin's uncertainty, `unsure`, metres.
         """
         rng = np.random.default_rng(0)
         # White noise has a white spectrum; the two parts of a complex field are independent.

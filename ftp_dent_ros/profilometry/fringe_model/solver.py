@@ -79,7 +79,7 @@ class Solver:
     ----------
     grid : BinGrid
     light, usable : ndarray, shape (rows, columns), float32
-        Of the bins, and what share of it tells.
+        Of the bins, and what share of it is usable.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Solver:
         )
 
     def _started(self, surfaces: Surfaces, waveform) -> FringeFit:
-        """The first fit, and the waveform's response, which numbered fringes show.
+        """The first fit, and the response of the waveform, which numbered surfaces show.
 
         The phase of the start is smooth. Later ones follow the response as ripples, so that the
         light does not show it any more.
@@ -146,7 +146,7 @@ class Solver:
         return replace(fit, phase=phase + grid.at_bins(grid.smooth_nodes(shift, WIDTH)))
 
     def _round(self, fit, is_robust: bool = False):
-        """The fit after a round, and the windows and the fit to what was left before."""
+        """The fit after a round, the windows, and the change that they fit."""
         wave, slope, residual, weight = self._misfit(fit)
         if is_robust:
             in_noise = residual * np.sqrt(weight)

@@ -212,7 +212,7 @@ def _leaps(
     # Along one edge two phases drift, and meet here and there by chance; all of it leaps, or none.
     joined: Any = cv2.dilate(edge.view(np.uint8), np.ones((3, 3), np.uint8))
     count, line = cv2.connectedComponents(joined)
-    # An edge without a crest leaps as little as what is none.
+    # The median of no crests is that of line 0, which is no edge.
     of_crests = (np.append(each[leap >= 0], none) for each, none in ((leap, -1), (line, 0)))
     usual = ndimage.median(*of_crests, np.arange(count))
     leaps: NDArray[np.bool_] = rim | (usual > LEAP)[line]

@@ -128,7 +128,7 @@ class Surfaces:
 
 
 def _stretches(total: NDArray[np.float64], across: int) -> NDArray[np.bool_]:
-    """In each run along a row the places whose sum is the largest: between the likeliest ends.
+    """In each run along a row the stretch whose sum is the largest: its ends are the likeliest.
 
     Rows are taken `across` at a time, as dark fringes tell no end.
 
