@@ -109,8 +109,7 @@ class FringeModel:
             **{'untied' if stripe else 'unnumbered': surfaces.number < 0},
         )
         at_nodes = grid.at_nodes(onwards), grid.at_nodes(lit.astype(np.float32)) > 0.5
-        confirmed = check_frame(self.pattern, *at_nodes)
-        coverage = replace(coverage, confirmed=confirmed)
+        coverage = replace(coverage, confirmed=check_frame(self.pattern, *at_nodes))
         rows = self._rows(fit, points)
         return points.sheets, points.stripe_depth, coverage, rows, fit.waveform
 

@@ -7,6 +7,7 @@ steps from each fringe to the next; a surface's order is the one whose steps are
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass, replace
@@ -52,7 +53,6 @@ _FEW = 4
 _NONE = np.iinfo(np.int16).min
 # Fringes that tell their place in the code; so many rows of them are looked at together.
 WORD = 8
-_WORD_OF_FEW = np.ones((WORD // _FEW, WORD * _CELLS), np.uint8)
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
 # window on each side of it.
 _EDGE = round(1 + 4 * WIDTH)
@@ -229,8 +229,8 @@ class OrderLikelihood:
         by_row = self._by_row(cells, lit)
         total, without = _totals(*by_row)
         best = int(total.argmax())
-        read = by_row[1][:, best].sum(axis=-1)
-        local = self._cut(cells, int(lit[best]), *_PAIRS[read.argmax()])
+        read = by_row[1][:, best].sum(axis=-1).argmax()
+        local = self._cut(cells, int(lit[best]), *_PAIRS[read])
         rest = local == lit[best]
         if rest.any() and not rest.all():
             total, without = _totals(*self._by_row(cells.within(rest), lit))
@@ -263,32 +263,43 @@ class OrderLikelihood:
             Scatter and gain of the steps.
         """
         place = math.tau * (np.arange(cells.level.shape[1]) / _CELLS + cells.first)
-        orders = self._lit_orders(cells.first, place, 0)
+        # Far beyond the panel an order has no code.
+        orders = np.append(_NONE, self._lit_orders(cells.first, place, 0))
         own = np.flatnonzero(orders == best)[0]
-        few = cells.rows(slice(None, None, _FEW))
-        each = self._likelihood(few, orders, *pair)
-        words = _shown(np.array([_of_words(e - each[own]) for e in each]))
+        few, words = cells.rows(slice(None, None, _FEW)), np.float32(0)
+        # Another surface may show the code in another blur.
+        of_gains = [self._words(few, orders, pair[0], gain) for gain in _GAINS]
+        # Words of one of the few rows, two, and four together.
+        for rows in (1, 2, 4):
+            likeliest = np.maximum.reduce(of_gains)
+            words = np.maximum(words, likeliest - likeliest[own])
+            of_gains = [x + np.pad(x, ((0, 0), (0, rows), (0, 0)))[:, rows:] for x in of_gains]
+        words = _shown(words)
         local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
         while words.max(initial=0) > math.log(_ODDS):
-            order, row, cell = map(int, np.unravel_index(words.argmax(), words.shape))
-            of_own, more = self._likelihood(cells, orders[[own, order]], *pair)
+            order, row, word = map(int, np.unravel_index(words.argmax(), words.shape))
+            gain = _GAINS[np.argmax([each[order, row, word] for each in of_gains])]
+            more = self._likelihood(cells, orders[[order]], pair[0], gain)
+            more -= self._likelihood(cells, orders[[own]], *pair)
             # A step belongs between its two cells.
-            more = np.pad(more - of_own, ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
+            more = np.pad(more[0], ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
             part, edge = _minimum_cut(more - lead, cells.level)
-            part = _joined(part, row, cell)
+            part = _joined(part, _FEW * row, _CELLS * word)
             if part.any():
                 total, without = _totals(*self._by_row(cells.within(part), orders))
                 if _odds(total, order, without) > math.log(_ODDS):
                     local[part], lead = orders[order], np.where(part, more, lead)
-                elif _mean(total) - total[own] > max(math.log(2), edge - math.log(_ODDS)):
+                # As likely as the mean of all orders.
+                elif logsumexp(total) - math.log(len(total)) - total[own] > max(
+                    math.log(2), edge - math.log(_ODDS)
+                ):
                     local[part] = _NONE
-            # Words that hold some of the part have shown it.
-            part = part[::_FEW, _CELLS // 2 :][:, : words.shape[2]]
-            part[row, cell] = True
-            words[:, cv2.dilate(part.view(np.uint8), _WORD_OF_FEW) > 0] = 0
+            # Words about what is in the part have shown it.
+            part = part[::_FEW, ::_CELLS][:, : words.shape[2]]
+            part[row, word] = True
+            words[:, part] = 0
         around = np.ones((_EDGE, _EDGE * _CELLS), np.uint8)
-        even = cv2.erode(local, around) == cv2.dilate(local, around)
-        return np.where(even, local, _NONE)
+        return np.where(cv2.erode(local, around) == cv2.dilate(local, around), local, _NONE)
 
     def _explained(self, cells: _Cells, local) -> float:
         """Share of the steps' squares, in the rows of each part together, that the code explains.
@@ -351,11 +362,26 @@ class OrderLikelihood:
         without = np.repeat((none + scale).sum(axis=-1), len(_GAINS), axis=0)
         return without, without + np.moveaxis(ratio, 0, 2).reshape(len(without), len(orders), -1)
 
-    def _likelihood(self, cells: _Cells, orders, scatter, gain):
-        """Logarithm for each step under each order, less what all have, (orders, *step.shape)."""
+    def _words(self, cells: _Cells, orders, scatter, gain):
+        """Logarithm for the word about each fringe of one row of every few, under each order."""
+        of_fringes = self._likelihood(cells, orders, scatter, gain, _CELLS)
+        words: Any = cv2.boxFilter(
+            of_fringes.reshape(-1, of_fringes.shape[2]),
+            -1,
+            (WORD, 1),
+            normalize=False,
+            borderType=cv2.BORDER_CONSTANT,
+        )
+        return _FEW * words.reshape(of_fringes.shape)
+
+    def _likelihood(self, cells: _Cells, orders, scatter, gain, together=1):
+        """Logarithm for each step under each order, less what all have, (orders, *step.shape).
+
+        So many steps on are taken together.
+        """
         expected = np.float32(gain) * self._expected(cells.first + orders, cells.step.shape[1])
         precision = _precision(cells.noise, np.float32(scatter))
-        return _student((cells.step - expected[:, None]) * precision)
+        return _student((cells.step - expected[:, None]) * precision, together)
 
 
 def _totals(none, all_rows) -> tuple[NDArray[Any], float]:
@@ -364,11 +390,6 @@ def _totals(none, all_rows) -> tuple[NDArray[Any], float]:
     some = np.logaddexp(all_rows, none) - math.log(2)
     total: Any = logsumexp([*all_rows.sum(axis=2), *some.sum(axis=2)], axis=0)
     return total, logsumexp(none.sum(axis=2)) + math.log(2)
-
-
-def _mean(total: NDArray[np.floating]) -> float:
-    """Logarithm of the mean likelihood."""
-    return float(logsumexp(total) - math.log(len(total)))
 
 
 def _odds(total: NDArray[np.floating], order: int, *without: float) -> float:
@@ -381,10 +402,11 @@ def _precision(noise, scatter):
     return 1 / np.sqrt((noise + np.square(scatter)) * np.float32(_FREEDOM))
 
 
-def _student(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Logarithm of Student's t at scaled steps, but for their scale."""
-    x = x * x
+def _student(x: NDArray[np.float32], together: int = 1) -> NDArray[np.float32]:
+    """Logarithm of Student's t at scaled steps, but for their scale; so many multiplied."""
+    x *= x
     x += 1
+    x = functools.reduce(np.multiply, (x[..., k::together] for k in range(together)))
     density: Any = cv2.log(x.reshape(-1, x.shape[-1])) if x.size else x
     density *= np.float32(-(_FREEDOM + 1) / 2 * _SAME)
     return density.reshape(x.shape)
@@ -400,13 +422,6 @@ def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArra
     return other.swing / red, np.square(red) / variance
 
 
-def _of_words(each: NDArray[np.float32]) -> Any:
-    """Sums of steps over the words about them, by one row of every few."""
-    size = _WORD_OF_FEW.shape[::-1]
-    words: Any = cv2.boxFilter(each, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return _FEW * words
-
-
 def _shown(words: NDArray[np.float32]) -> NDArray[np.float32]:
     """Words where an order is ahead at the odds, and likelier than all others together; else 0.
 
@@ -415,6 +430,7 @@ def _shown(words: NDArray[np.float32]) -> NDArray[np.float32]:
     rows, cells = np.nonzero(words.max(axis=0) > math.log(_ODDS))
     ahead = words[:, rows, cells]
     alone = ahead.max(axis=0) > logsumexp(ahead, axis=0) - math.log(2)
+    alone |= ahead[0] > math.log(_ODDS)
     shown = np.zeros_like(words)
     shown[:, rows[alone], cells[alone]] = ahead[:, alone]
     return shown
@@ -423,8 +439,7 @@ def _shown(words: NDArray[np.float32]) -> NDArray[np.float32]:
 def _joined(part: NDArray[np.bool_], row: int, cell: int) -> NDArray[np.bool_]:
     """What of a part is joined to the word about a place: the rest is another part."""
     label: Any = cv2.connectedComponents(part.view(np.uint8), connectivity=4)[1]
-    top, left = max(_FEW * row - WORD // 2, 0), max(cell + _CELLS // 2 - WORD * _CELLS // 2, 0)
-    word = label[top : top + WORD, left : left + WORD * _CELLS]
+    word = label[row : row + _FEW, max(cell - _CELLS * WORD // 2, 0) :][:, : _CELLS * WORD]
     return np.isin(label, word[word > 0])
 
 

@@ -68,11 +68,12 @@ class Points:
         share = grid.at_nodes(usable)
         self._usable = share > 0
         self._seen = _around(share)
-        square = usable * fit.residual * fit.residual
-        rest = _around(grid.at_nodes(square)) / np.maximum(self._seen, np.float32(1e-3))
+        rest = _around(grid.at_nodes(usable * fit.residual * fit.residual))
+        rest /= np.maximum(self._seen, np.float32(1e-3))
         scale = np.maximum(fit.scale, np.float32(ROUNDING))
-        visible = grid.at_nodes(fit.amplitude) > _CHANCE * np.sqrt(scale)
-        self._good = visible & (self._seen > _SEEN)
+        self._good = (self._seen > _SEEN) & (
+            grid.at_nodes(fit.amplitude) > _CHANCE * np.sqrt(scale)
+        )
         beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
         self._whole = amplitude > _FAINTER * beside
         # Detail that the windows do not resolve leaves more on the flanks than on the crests.
