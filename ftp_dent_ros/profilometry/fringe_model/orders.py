@@ -283,8 +283,8 @@ class OrderLikelihood:
             more -= self._likelihood(cells, orders[[own]], *pair)
             # A step belongs between its two cells.
             more = np.pad(more[0], ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
-            part, edge = _minimum_cut(more - lead, cells.level)
-            part = _joined(part, _FEW * row, _CELLS * word)
+            parts, edge = _minimum_cut(more - lead, cells.level)
+            part = _joined(parts, _FEW * row, _CELLS * word)
             if part.any():
                 total, without = _totals(*self._by_row(cells.within(part), orders))
                 if _odds(total, order, without) > math.log(_ODDS):
@@ -294,10 +294,10 @@ class OrderLikelihood:
                     math.log(2), edge - math.log(_ODDS)
                 ):
                     local[part] = _NONE
-            # Words about what is in the part have shown it.
-            part = part[::_FEW, ::_CELLS][:, : words.shape[2]]
-            part[row, word] = True
+            # Words in the part have shown it, and words outside all parts show no part.
+            part, parts = (x[::_FEW, ::_CELLS][:, : words.shape[2]] for x in (part, parts))
             words[:, part] = 0
+            words[order, ~parts] = 0
         around = np.ones((_EDGE, _EDGE * _CELLS), np.uint8)
         return np.where(cv2.erode(local, around) == cv2.dilate(local, around), local, _NONE)
 
