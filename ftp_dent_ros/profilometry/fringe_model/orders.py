@@ -363,7 +363,7 @@ class OrderLikelihood:
         return without, without + np.moveaxis(ratio, 0, 2).reshape(len(without), len(orders), -1)
 
     def _words(self, cells: _Cells, orders, scatter, gain):
-        """Logarithm for the word about each fringe of one row of every few, under each order."""
+        """Logarithm for the word about each fringe under each order, by one row of every few."""
         of_fringes = self._likelihood(cells, orders, scatter, gain, _CELLS)
         words: Any = cv2.boxFilter(
             of_fringes.reshape(-1, of_fringes.shape[2]),
@@ -375,9 +375,9 @@ class OrderLikelihood:
         return _FEW * words.reshape(of_fringes.shape)
 
     def _likelihood(self, cells: _Cells, orders, scatter, gain, together=1):
-        """Logarithm for each step under each order, less what all have, (orders, *step.shape).
+        """Logarithm for each step under each order, less what all have, (orders, rows, steps).
 
-        So many steps on are taken together.
+        Of so many steps side by side the sum.
         """
         expected = np.float32(gain) * self._expected(cells.first + orders, cells.step.shape[1])
         precision = _precision(cells.noise, np.float32(scatter))
@@ -403,9 +403,10 @@ def _precision(noise, scatter):
 
 
 def _student(x: NDArray[np.float32], together: int = 1) -> NDArray[np.float32]:
-    """Logarithm of Student's t at scaled steps, but for their scale; so many multiplied."""
+    """Logarithm of Student's t at scaled steps, but for their scale; of so many the sum."""
     x *= x
     x += 1
+    # One logarithm of products takes less time than many.
     x = functools.reduce(np.multiply, (x[..., k::together] for k in range(together)))
     density: Any = cv2.log(x.reshape(-1, x.shape[-1])) if x.size else x
     density *= np.float32(-(_FREEDOM + 1) / 2 * _SAME)
