@@ -47,7 +47,7 @@ _ODDS = 1e3
 _MEETING = -math.log(LEAP / math.pi)
 # Whole numbers of a minimum cut in a natural logarithm.
 _PER_NAT = 1000
-# One row of so many shows whether a word may be of another order.
+# Words about one row and fringe of so many show whether a part may be of another order.
 _FEW = 4
 # Of a cell without an order.
 _NONE = np.iinfo(np.int16).min
@@ -284,7 +284,7 @@ class OrderLikelihood:
             # A step belongs between its two cells.
             more = np.pad(more[0], ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
             parts, edge = _minimum_cut(more - lead, cells.level)
-            part = _joined(parts, _FEW * row, _CELLS * word)
+            part = _joined(parts, _FEW * row, _FEW * _CELLS * word)
             if part.any():
                 total, without = _totals(*self._by_row(cells.within(part), orders))
                 if _odds(total, order, without) > math.log(_ODDS):
@@ -295,7 +295,7 @@ class OrderLikelihood:
                 ):
                     local[part] = _NONE
             # Words in the part have shown it, and words outside all parts show no part.
-            part, parts = (x[::_FEW, ::_CELLS][:, : words.shape[2]] for x in (part, parts))
+            part, parts = (x[::_FEW, :: _FEW * _CELLS][:, : words.shape[2]] for x in (part, parts))
             words[:, part] = 0
             words[order, ~parts] = 0
         around = np.ones((_EDGE, _EDGE * _CELLS), np.uint8)
@@ -363,7 +363,7 @@ class OrderLikelihood:
         return without, without + np.moveaxis(ratio, 0, 2).reshape(len(without), len(orders), -1)
 
     def _words(self, cells: _Cells, orders, scatter, gain):
-        """Logarithm for the word about each fringe under each order, by one row of every few."""
+        """Logarithm for the word about every few fringes under each order, by one row of few."""
         of_fringes = self._likelihood(cells, orders, scatter, gain, _CELLS)
         words: Any = cv2.boxFilter(
             of_fringes.reshape(-1, of_fringes.shape[2]),
@@ -372,7 +372,7 @@ class OrderLikelihood:
             normalize=False,
             borderType=cv2.BORDER_CONSTANT,
         )
-        return _FEW * words.reshape(of_fringes.shape)
+        return _FEW * words.reshape(of_fringes.shape)[..., ::_FEW]
 
     def _likelihood(self, cells: _Cells, orders, scatter, gain, together=1):
         """Logarithm for each step under each order, less what all have, (orders, rows, steps).
