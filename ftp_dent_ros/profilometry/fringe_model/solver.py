@@ -142,8 +142,8 @@ class Solver:
             fit = replace(fit, level=level, amplitude=amplitude)
             fit = self._learned(fit, numbered, light - residual, residual)
         # As smooth as level and amplitude are: they and the phase show noise alike (eq. 8).
-        shift = np.clip(first.slope / np.maximum(first.amplitude, 1), -1, 1)
-        return replace(fit, phase=phase + grid.at_bins(grid.smooth_nodes(shift, WIDTH)))
+        shift = grid.smooth_nodes(np.clip(first.shift, -1, 1), WIDTH)
+        return replace(fit, phase=phase + grid.at_bins(shift))
 
     def _round(self, fit, is_robust: bool = False):
         """The fit after a round, the windows, and the change that they fit."""
