@@ -45,8 +45,8 @@ class FringeFit:
         Light less the model, over the noise's deviation there, times that at the level.
     scale : ndarray, shape (rows, nodes)
         Mean square of the residuals about.
-    wave, slope : ndarray
-        F and its derivative.
+    wave : ndarray
+        F.
     waveform : Waveform
         With its response and blur.
     systematic : ndarray, shape (rows, nodes)
@@ -64,7 +64,6 @@ class FringeFit:
     residual: NDArray[np.float32]
     scale: NDArray[np.float32]
     wave: NDArray[np.float32]
-    slope: NDArray[np.float32]
     waveform: Waveform
     systematic: NDArray[np.float32]
     noise: LightNoise = field(default_factory=LightNoise)
@@ -109,7 +108,7 @@ class Solver:
         variance, ratios = windows.variances(*at_nodes)
         fit, *_ = self._round(fit, is_robust=True)
         fit = self._unblurred(fit)
-        wave, slope, residual, precision = self._misfit(fit)
+        wave, _, residual, precision = self._misfit(fit)
         residual *= np.sqrt(precision)
         scale = self._scale(residual)
         variance *= scale * np.float32(math.exp(self._followed) / self.grid.bins_in_window)
@@ -118,7 +117,6 @@ class Solver:
             residual=residual,
             scale=scale,
             wave=wave,
-            slope=slope,
             variance=variance,
             ratios=ratios,
         )
@@ -130,7 +128,7 @@ class Solver:
         light does not show it any more.
         """
         grid, light, phase = self.grid, self._light, surfaces.phase
-        fit = FringeFit(phase, *6 * (light,), waveform, light)
+        fit = FringeFit(phase, *5 * (light,), waveform, light)
         numbered = grid.repeated(surfaces.known)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
