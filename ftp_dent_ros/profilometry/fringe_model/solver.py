@@ -162,13 +162,17 @@ class Solver:
     def _unblurred(self, fit) -> FringeFit:
         """The fit without half of what the camera's blur may shift it by (eq. 15).
 
-        The camera's blur shifts fringes to where the light is brighter, the projector's does not.
-        Nothing shows which of them blurs more than usual.
+        The camera's blur shifts fringes to where the light is brighter, and where their width
+        changes; the projector's does not. Nothing shows which of them blurs more than usual.
         """
-        level, phase = self.grid.at_nodes(fit.level), self.grid.at_nodes(fit.phase)
-        light, turn = (np.gradient(each, axis=1) for each in (np.log(np.maximum(level, 1)), phase))
-        fall = self.grid.smooth_nodes(light * turn, 2 * WIDTH)
-        fall /= self.grid.smooth_nodes(turn * turn, 2 * WIDTH)
+        level, amplitude, phase = (
+            self.grid.at_nodes(each) for each in (fit.level, fit.amplitude, fit.phase)
+        )
+        # The blur takes of the amplitude, too, most where the fringes are narrow.
+        light = np.log(np.maximum(level, 1) * np.maximum(amplitude, 1))
+        light, turn = (np.gradient(each, axis=1) for each in (light, phase))
+        fall = self.grid.smooth_nodes(light * turn + np.gradient(turn, axis=1), 2 * WIDTH)
+        fall /= 2 * self.grid.smooth_nodes(turn * turn, 2 * WIDTH)
         across = np.linspace(-0.5, 0.5, level.shape[1], dtype=np.float32)
         variance = fit.waveform.variance + fit.waveform.rise * across
         shift = np.maximum(variance - np.float32(USUAL), 0) * fall
