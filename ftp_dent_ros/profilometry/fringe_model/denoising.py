@@ -59,7 +59,7 @@ def denoise(
     phase: NDArray[np.float32],
     changes: Sequence[NDArray[np.float32]],
     ratios: Sequence[NDArray[np.float32]],
-    mask: NDArray[np.float32],
+    weight: NDArray[np.float32],
     posterior: NDArray[np.float32],
 ) -> Denoised:
     """Denoise a surface's phase.
@@ -74,21 +74,20 @@ def denoise(
         changes the latter only, ambient light the former; noise changes both.
     ratios : sequence of ndarray, shape (rows, nodes)
         Variance of the phase over theirs, in noise that light has.
-    mask : ndarray, shape (rows, nodes), float32
-        1 on the surface, else 0.
+    weight : ndarray, shape (rows, nodes), float32
+        Precision of the phase over that which noise leaves it: 0 beyond the surface.
     posterior : ndarray, shape (rows, nodes), float32
         Variance of the phase in one window by what the fit leaves, radians^2: noise is no less.
     """
-    mean, white = _Means(grid, mask), _white_noise()
-    noises = _noises(mean, [each * mask for each in changes], ratios, posterior)
-    # At rims the widest windows are cut.
-    beyond = white.beyond * noises[-1]
-    beyond /= mean.share(WIDTH * 2 ** (_OCTAVES - 1))
-    details, kept = _octaves(mean, phase * mask)
+    mean, white = _Means(grid, weight), _white_noise()
+    noises = _noises(mean, changes, ratios, posterior)
+    beyond = white.beyond * noises[-1] / mean.share(WIDTH * 2 ** (_OCTAVES - 1))
+    details, kept = _octaves(mean, phase)
     variance, whole, coarser = (np.zeros_like(phase) for _ in range(3))
     for octave in reversed(range(_OCTAVES)):
         width, detail, noise = WIDTH * 2**octave, details.pop(), noises.pop()
-        part = white.share[octave] * noise
+        # Where little counts, as in windows that are cut at rims, noise is more.
+        part = white.share[octave] * noise / mean.share(width)
         whole += part
         energy = mean.of(detail * detail, width)
         strays = energy > _STRAYS * noise
@@ -103,9 +102,7 @@ def denoise(
         variance += gain * gain * part + lost  # eq. 10
     # Windows miss as much of dents three fringes wide.
     variance = variance + signal
-    # At rims the windows of the fit are cut, too.
-    whole = (whole + beyond) / mean.share(WIDTH)
-    return Denoised(kept * mask, variance + beyond, gain, whole)
+    return Denoised(kept, variance + beyond, gain, whole + beyond)
 
 
 def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
@@ -113,7 +110,7 @@ def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray
     details = []
     for octave in range(_OCTAVES):
         smooth = mean.flat_top(low, WIDTH * 2**octave)
-        details.append((low - smooth) * mean.mask)
+        details.append(low - smooth)
         low = smooth
     return details, low
 
@@ -213,20 +210,20 @@ def _energies(passed: NDArray[np.floating]) -> NDArray[np.float64]:
 class _Means:
     """Gaussian means of values at the nodes of a surface."""
 
-    def __init__(self, grid: BinGrid, mask: NDArray[np.float32]) -> None:
-        self._grid, self.mask = grid, mask
+    def __init__(self, grid: BinGrid, weight: NDArray[np.float32]) -> None:
+        self._grid, self._weight = grid, weight
         self._shares: dict[Any, NDArray[np.float32]] = {}
 
     def share(self, *fringes):
-        """Share of the surface in windows of so many fringes."""
+        """Mean weight in windows of so many fringes."""
         if fringes not in self._shares:
-            share = self._grid.smooth_nodes(self.mask, *fringes)
-            self._shares[fringes] = np.maximum(share, np.float32(1e-3))
+            share = self._grid.smooth_nodes(self._weight, *fringes)
+            self._shares[fringes] = np.maximum(share, np.float32(1e-6))
         return self._shares[fringes]
 
     def of(self, values, *fringes):
         """Mean over so many fringes."""
-        return self._grid.smooth_nodes(values * self.mask, *fringes) / self.share(*fringes)
+        return self._grid.smooth_nodes(values * self._weight, *fringes) / self.share(*fringes)
 
     def flat_top(self, values, *fringes):
         """The mean, and the mean of what it leaves: slopes and bends pass."""

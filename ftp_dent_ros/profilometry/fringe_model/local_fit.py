@@ -76,6 +76,11 @@ class LocalFit:
         # OpenCV's magnitude depends on where in memory the arrays are.
         return np.sqrt(np.square(self.slope) + np.square(self.amplitude))
 
+    @property
+    def shift(self) -> NDArray[Any]:
+        """Of the fringes, from their waveform's phase to their own, radians."""
+        return np.arctan2(self.slope, self.amplitude)
+
 
 class Windows:
     """Normal equations of a waveform and its derivative in the windows about the nodes.

@@ -161,7 +161,10 @@ class FringeModel:
         thirds = np.array_split(columns, max(1, min(3, words, len(columns))))
 
         def left(waveform: Waveform) -> NDArray[np.floating]:
-            rest = Windows(strip, *waveform.at(phase, across), usable).fit(coded).rest
+            # The code's steps have shifted the phase by how they are blurred.
+            first = Windows(strip, *waveform.at(phase, across), usable).fit(coded)
+            own = phase + strip.at_bins(first.shift)
+            rest = Windows(strip, *waveform.at(own, across), usable).fit(coded).rest
             of_thirds = ((rest[:, c - near.start], shown[:, c - near.start]) for c in thirds)
             return np.array([median(each[there]) for each, there in of_thirds])
 

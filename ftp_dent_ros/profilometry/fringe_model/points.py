@@ -28,8 +28,7 @@ from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAST_NODES
 _UNUSUAL = 3.0
 # Share of the bins about that must not be clipped: crests may be.
 _SEEN = 0.4
-# Standard deviations of what noise alone leaves so unevenly, and that an amplitude shows fringes
-# by.
+# Standard deviations of the residuals that an amplitude shows fringes by.
 _CHANCE = 2.0
 # Standard deviation of a phase that is published, radians: half of that which is unwrapped.
 _DEVIATION = DEVIATION / 2
@@ -76,14 +75,8 @@ class Points:
         )
         beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
         self._whole = amplitude > _FAINTER * beside
-        # Detail that the windows do not resolve leaves more on the flanks than on the crests.
-        steep = fit.slope * fit.slope - fit.wave * fit.wave
-        below = cv2.copyMakeBorder(usable * fit.residual, 0, 1, 0, 0, cv2.BORDER_REPLICATE)[1:]
-        uneven = usable * fit.residual * below * steep
-        chance = _CHANCE * math.sqrt(1.5 / grid.bins_in_window) * fit.scale
-        detail = np.maximum(grid.window_sums(uneven) - chance, 0)
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
-        self._unexplained = (2 * unusual + 4 * detail) / np.square(np.maximum(amplitude, 1))
+        self._unexplained = 2 * unusual / np.square(np.maximum(amplitude, 1))
         _, v_p = nodes.meet(self._phase)
         amplitude = amplitude / nodes.pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
@@ -116,7 +109,7 @@ class Points:
             coarse,
             [x - quadric_through(places, x, surface).at(*places) for x in self._changes],
             fit.ratios,
-            inside.astype(np.float32),
+            inside / (1 + self._unexplained / np.maximum(fit.variance, np.float32(1e-12))),
             fit.variance,
         )
         variance, noise = (

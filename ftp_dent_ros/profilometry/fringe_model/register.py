@@ -52,7 +52,7 @@ def lead_of_paint(
     white = seen & (np.abs(paint - even).max(axis=0) < _WHITE)
     if np.count_nonzero(white) >= LEAST_NODES:
         even = np.array([median(each[white]) for each in paint], np.float32)[:, None, None]
-    phase = [np.arctan2(each.slope, each.amplitude) for each in colours]
+    phase = [each.shift for each in colours]
     lead = np.zeros_like(total)
     for colour in (0, 2):
         apart = quadric_through(grid.node_places, wrap(phase[colour] - phase[1]), seen)

@@ -45,8 +45,8 @@ class FringeFit:
         Light less the model, over the noise's deviation there, times that at the level.
     scale : ndarray, shape (rows, nodes)
         Mean square of the residuals about.
-    wave, slope : ndarray
-        F and its derivative.
+    wave : ndarray
+        F.
     waveform : Waveform
         With its response and blur.
     systematic : ndarray, shape (rows, nodes)
@@ -64,7 +64,6 @@ class FringeFit:
     residual: NDArray[np.float32]
     scale: NDArray[np.float32]
     wave: NDArray[np.float32]
-    slope: NDArray[np.float32]
     waveform: Waveform
     systematic: NDArray[np.float32]
     noise: LightNoise = field(default_factory=LightNoise)
@@ -109,7 +108,7 @@ class Solver:
         variance, ratios = windows.variances(*at_nodes)
         fit, *_ = self._round(fit, is_robust=True)
         fit = self._unblurred(fit)
-        wave, slope, residual, precision = self._misfit(fit)
+        wave, _, residual, precision = self._misfit(fit)
         residual *= np.sqrt(precision)
         scale = self._scale(residual)
         variance *= scale * np.float32(math.exp(self._followed) / self.grid.bins_in_window)
@@ -118,7 +117,6 @@ class Solver:
             residual=residual,
             scale=scale,
             wave=wave,
-            slope=slope,
             variance=variance,
             ratios=ratios,
         )
@@ -130,7 +128,7 @@ class Solver:
         light does not show it any more.
         """
         grid, light, phase = self.grid, self._light, surfaces.phase
-        fit = FringeFit(phase, *6 * (light,), waveform, light)
+        fit = FringeFit(phase, *5 * (light,), waveform, light)
         numbered = grid.repeated(surfaces.known)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
@@ -142,8 +140,8 @@ class Solver:
             fit = replace(fit, level=level, amplitude=amplitude)
             fit = self._learned(fit, numbered, light - residual, residual)
         # As smooth as level and amplitude are: they and the phase show noise alike (eq. 8).
-        shift = np.clip(first.slope / np.maximum(first.amplitude, 1), -1, 1)
-        return replace(fit, phase=phase + grid.at_bins(grid.smooth_nodes(shift, WIDTH)))
+        shift = grid.smooth_nodes(np.clip(first.shift, -1, 1), WIDTH)
+        return replace(fit, phase=phase + grid.at_bins(shift))
 
     def _round(self, fit, is_robust: bool = False):
         """The fit after a round, the windows, and the change that they fit."""
@@ -164,13 +162,17 @@ class Solver:
     def _unblurred(self, fit) -> FringeFit:
         """The fit without half of what the camera's blur may shift it by (eq. 15).
 
-        The camera's blur shifts fringes to where the light is brighter, the projector's does not.
-        Nothing shows which of them blurs more than usual.
+        The camera's blur shifts fringes to where the light is brighter, and where their width
+        changes; the projector's does not. Nothing shows which of them blurs more than usual.
         """
-        level, phase = self.grid.at_nodes(fit.level), self.grid.at_nodes(fit.phase)
-        light, turn = (np.gradient(each, axis=1) for each in (np.log(np.maximum(level, 1)), phase))
-        fall = self.grid.smooth_nodes(light * turn, 2 * WIDTH)
-        fall /= self.grid.smooth_nodes(turn * turn, 2 * WIDTH)
+        level, amplitude, phase = (
+            self.grid.at_nodes(each) for each in (fit.level, fit.amplitude, fit.phase)
+        )
+        # The blur takes of the amplitude, too, most where the fringes are narrow.
+        light = np.log(np.maximum(level, 1) * np.maximum(amplitude, 1))
+        light, turn = (np.gradient(each, axis=1) for each in (light, phase))
+        fall = self.grid.smooth_nodes(light * turn + np.gradient(turn, axis=1), 2 * WIDTH)
+        fall /= 2 * self.grid.smooth_nodes(turn * turn, 2 * WIDTH)
         across = np.linspace(-0.5, 0.5, level.shape[1], dtype=np.float32)
         variance = fit.waveform.variance + fit.waveform.rise * across
         shift = np.maximum(variance - np.float32(USUAL), 0) * fall

@@ -132,9 +132,7 @@ def fit_planes(
             np.copyto(taken, value, where=here)
         return taken
 
-    phase = of(
-        [p.at_nodes + np.arctan2(f.slope, f.amplitude) for f, p in zip(fits, planes, strict=True)]
-    )
+    phase = of([p.at_nodes + f.shift for f, p in zip(fits, planes, strict=True)])
     amplitude = of([f.swing for f in fits])
     rest, level = of([f.rest for f in fits]), of([f.level for f in fits])
     strength = np.square(np.maximum(amplitude, np.float32(1e-3)))

@@ -185,13 +185,16 @@ def _lowest(
 def _drawn(pattern: Pattern, phase: NDArray[np.floating], colour: int) -> NDArray[np.float64]:
     """Light of the panel's pixels about its mean, -1 to 1, over the samples of a phase.
 
-    Each pixel is even, and of a whole level: rounding shifts fringes by thousandths of them.
+    Each pixel is even, and of a whole level: rounding shifts fringes by thousandths of them. Rows
+    of other contrasts are rounded otherwise: the light is the mean over all of them.
     """
     half = (phase[1] - phase[0]) / 2
     ends = pattern.column(np.append(phase - half, phase[-1] + half))
     pixels = np.arange(math.floor(ends[0]) - 1, math.ceil(ends[-1]) + 2)
     on_panel = (pixels >= 0) & (pixels < pattern.width)
-    drawn = pattern.draw()[0, np.clip(pixels, 0, pattern.width - 1), colour] / pattern.levels
-    light = 2 * np.where(on_panel, drawn, pattern.intensity(pixels)) - 1
+    contrast = pattern.row_contrast(np.arange(pattern.height))
+    drawn = ((2 / pattern.levels * pattern.draw()[..., colour] - 1).T / contrast).mean(axis=1)
+    drawn = drawn[np.clip(pixels, 0, pattern.width - 1)]
+    light = np.where(on_panel, drawn, 2 * pattern.intensity(pixels) - 1)
     total = np.interp(ends, np.append(pixels, pixels[-1] + 1) - 0.5, np.append(0, light.cumsum()))
     return np.diff(total) / np.diff(ends)
