@@ -107,8 +107,8 @@ def sizes_of(patch: Patch, at: tuple[int, int], skin: Skin) -> Sizes | None:
     # The length is the longest distance: what would make it shorter than the width, is of both.
     middle = values[1:3].mean()
     values[1:3] = max(values[1], middle), min(values[2], middle)
-    # Outlines that are carried on are unsure of lengths and widths, and twice of areas.
-    spread = np.hypot(spread, outline.carried * values * (0, 1, 1, 0, 2, 0))
+    # Outlines that are carried on or smoothed are unsure of lengths and widths, twice of areas.
+    spread = np.hypot(spread, outline.unsure * values * (0, 1, 1, 0, 2, 0))
     depth, length, width, angle, area, volume = (
         Estimate(float(value), float(each)) for value, each in zip(values, spread, strict=True)
     )
