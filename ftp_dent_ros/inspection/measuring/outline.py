@@ -141,7 +141,7 @@ def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float)
     crossing = _ALONG[last] + _ALONG[1] * np.clip(beyond, 0, 1)
     # As many harmonics as the level is standard uncertainties of the depths, and two at least: a
     # ragged curve is too long.
-    unsure = float(np.median(np.hypot(patch.strays, patch.doubt)[part]))
+    unsure = float(patch.unsure(part).mean())
     few = int(np.clip(level * depth / max(unsure, 1e-12), 2, _HARMONICS)) + 1
     spectrum = np.fft.rfft(crossing)
     # What they leave out may be its shape; a diameter has two independent ends.
@@ -154,8 +154,7 @@ def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float)
     x, y = (patch.at(each, column, row, cv2.INTER_LINEAR) for each in (patch.x, patch.y))
     # A range is its half over the root of three uncertain.
     carried = (most - least) / 2 / math.sqrt(3) / middle
-    inside = _covered(part.shape, column, row)
-    return Outline(x, y, inside, math.hypot(carried, left_out))
+    return Outline(x, y, _covered(part.shape, column, row), math.hypot(carried, left_out))
 
 
 @cache

@@ -151,8 +151,9 @@ def _bottom(patch: Patch, cap: Mask) -> float:
     rows, columns = np.nonzero(cap)
     reach = max(cap.shape)
     u, v = (columns - columns.mean()) / reach, (rows - rows.mean()) / reach
-    terms = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)])
-    weighted = terms / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
+    across, down = (np.vander(each, 5, increasing=True).T for each in (u, v))
+    terms = np.stack([across[i] * down[j] for i in range(5) for j in range(5 - i)])
+    weighted = terms / np.square(patch.unsure(cap))
     found = np.linalg.lstsq(weighted @ terms.T, weighted @ patch.depth[cap], rcond=None)[0]
     return float((found @ terms).max())
 
