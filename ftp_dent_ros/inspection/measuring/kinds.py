@@ -10,8 +10,9 @@ With sizes on the contour at 10 % of the depth:
 - *bump*: outward.
 - *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
   the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.47 of it, a paraboloid
-  1.1), or it is so narrow that the reconstruction cannot show whether it is. Repair manuals treat
-  a crease as a crack.
+  1.1), or it is so narrow that the reconstruction cannot show whether it is (where its bottom
+  looks blunt, only what is surely narrower than the smallest dent). Repair manuals treat a crease
+  as a crack.
 - *dent*: all else that is inward.
 """
 
@@ -64,7 +65,8 @@ def kind_of(
         return 'other', 'is cut by the rim of what is measured, where the skin is not known'
     bluntness = 8 * depth * sizes.radius / width**2
     valley = sign > 0 and min(sizes.length.value / width, sizes.slender) > LONG
-    if valley and _SHARP <= bluntness < 1 and width < _UNRESOLVED * resolution:
+    may_be_sharp = bluntness >= _SHARP and (surely or bluntness < 1)
+    if valley and may_be_sharp and width < _UNRESOLVED * resolution:
         return 'crease', 'too narrow to see how sharp it is'
     if not is_sure:
         unsure = 1e3 * sizes.depth.uncertainty

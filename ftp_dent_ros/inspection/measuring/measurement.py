@@ -87,8 +87,8 @@ def _peaks(patch: Patch, values: Map, noise: NDArray) -> tuple[list[tuple[int, i
         Of these, metres.
     """
     # Noise has many places to make a saddle; what was put back may be too much but once.
-    sure = np.hypot(SURE * noise, COVERAGE * patch.doubt)
-    likely = COVERAGE * np.hypot(noise, patch.doubt)
+    doubt = np.linalg.norm(patch.doubts, axis=0)
+    sure, likely = np.hypot(SURE * noise, COVERAGE * doubt), COVERAGE * np.hypot(noise, doubt)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
     at = np.argwhere((values == top) & patch.own & (values > 0))
     order = np.argsort(-values[tuple(at.T)], kind='stable')

@@ -39,14 +39,14 @@ class Outline:
         Metres.
     inside : ndarray, shape (rows, columns), bool
         Cells of the patch that lie within.
-    carried : float
-        Standard uncertainty of its sizes, as a part of them, by being drawn at another level.
+    unsure : float
+        Standard uncertainty of its sizes, as a part of them, by being smoothed and carried on.
     """
 
     x: Vector
     y: Vector
     inside: Mask
-    carried: float
+    unsure: float
 
     @property
     def centre(self) -> tuple[float, float]:
@@ -120,15 +120,12 @@ def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float)
     wanted : float
         Part of the depth whose outline is asked for.
     """
-    noise = float(patch.strays[at])
-    level = min(max(wanted, COVERAGE * noise / depth), _HIGHEST)
+    level = min(max(wanted, COVERAGE * float(patch.strays[at]) / depth), _HIGHEST)
     part = closed(part_above(patch, at, level * depth))
     if not part.any():
         return None
-    least, most = 1.0, 1.0
-    if level > wanted:
-        least = math.sqrt((1 - wanted) / (1 - level))
-        most = math.sqrt(math.log(wanted) / math.log(level))
+    least = math.sqrt((1 - wanted) / (1 - level))
+    most = math.sqrt(math.log(wanted) / math.log(level))
     middle = (least + most) / 2
     centre, stretch = ellipse_of(part)
     columns, rows = centre[..., None] + (stretch @ _circle(_RAYS))[..., None] * _ALONG
@@ -142,10 +139,14 @@ def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float)
     high, low = depths[each, last], depths[each, last + 1]
     beyond = (high - level * depth) / np.maximum(high - low, 1e-12)
     crossing = _ALONG[last] + _ALONG[1] * np.clip(beyond, 0, 1)
-    # As many harmonics as the level is standard deviations of the noise, and two at least: a
+    # As many harmonics as the level is standard uncertainties of the depths, and two at least: a
     # ragged curve is too long.
+    unsure = float(patch.unsure(part).mean())
+    few = int(np.clip(level * depth / max(unsure, 1e-12), 2, _HARMONICS)) + 1
     spectrum = np.fft.rfft(crossing)
-    spectrum[int(np.clip(level * depth / max(noise, 1e-12), 2, _HARMONICS)) + 1 :] = 0
+    # What they leave out may be its shape; a diameter has two independent ends.
+    left_out = float(np.linalg.norm(spectrum[few : _HARMONICS + 1]) / abs(spectrum[0]))
+    spectrum[few:] = 0
     # Twice as many points as rays: a polygon is smaller than its curve.
     radius = 2 * np.fft.irfft(spectrum, 2 * _RAYS)
     out = centre + middle * radius * (stretch @ _circle(2 * _RAYS))
@@ -153,8 +154,7 @@ def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float)
     x, y = (patch.at(each, column, row, cv2.INTER_LINEAR) for each in (patch.x, patch.y))
     # A range is its half over the root of three uncertain.
     carried = (most - least) / 2 / math.sqrt(3) / middle
-    inside = _covered(part.shape, column, row)
-    return Outline(x, y, inside, carried)
+    return Outline(x, y, _covered(part.shape, column, row), math.hypot(carried, left_out))
 
 
 @cache

@@ -84,10 +84,9 @@ class Patch:
         measured = self.at(self.known & ~self.over, columns, rows, cv2.INTER_NEAREST) > 0.5
         return self.at(self.depth, columns, rows), measured
 
-    @cached_property
-    def doubt(self) -> Map:
-        """Standard uncertainty by all doubts together, metres."""
-        return np.asarray(np.linalg.norm(self.doubts, axis=0))
+    def unsure(self, cells: Mask) -> Map:
+        """Standard uncertainty of the depths of some cells, by noise and all doubts, metres."""
+        return np.asarray(np.linalg.norm([self.strays[cells], *self.doubts[:, cells]], axis=0))
 
     @cached_property
     def _to_cells(self) -> Map:

@@ -107,8 +107,8 @@ def sizes_of(patch: Patch, at: tuple[int, int], skin: Skin) -> Sizes | None:
     # The length is the longest distance: what would make it shorter than the width, is of both.
     middle = values[1:3].mean()
     values[1:3] = max(values[1], middle), min(values[2], middle)
-    # Outlines that are carried on are unsure of lengths and widths, and twice of areas.
-    spread = np.hypot(spread, outline.carried * values * (0, 1, 1, 0, 2, 0))
+    # Outlines that are carried on or smoothed are unsure of lengths and widths, twice of areas.
+    spread = np.hypot(spread, outline.unsure * values * (0, 1, 1, 0, 2, 0))
     depth, length, width, angle, area, volume = (
         Estimate(float(value), float(each)) for value, each in zip(values, spread, strict=True)
     )
@@ -151,8 +151,9 @@ def _bottom(patch: Patch, cap: Mask) -> float:
     rows, columns = np.nonzero(cap)
     reach = max(cap.shape)
     u, v = (columns - columns.mean()) / reach, (rows - rows.mean()) / reach
-    terms = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)])
-    weighted = terms / (np.square(patch.strays[cap]) + np.square(patch.doubt[cap]))
+    across, down = (np.vander(each, 5, increasing=True).T for each in (u, v))
+    terms = np.stack([across[i] * down[j] for i in range(5) for j in range(5 - i)])
+    weighted = terms / np.square(patch.unsure(cap))
     found = np.linalg.lstsq(weighted @ terms.T, weighted @ patch.depth[cap], rcond=None)[0]
     return float((found @ terms).max())
 

@@ -411,6 +411,18 @@ def test_noise_does_not_draw_the_outline_of_a_faint_dent(seed):
         assert abs(seen.value - true) < min(0.4 * true, 3 * seen.uncertainty)
 
 
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_a_length_that_smoothing_draws_out_is_unsure_by_as_much(seed):
+    # Noise lets an ellipse of its outline be seen, which sticks out of its upright ends.
+    ends = np.clip(1 - (X / 0.045) ** 8, 0, 1) ** 2
+    long = 3e-4 * ends * np.clip(1 - np.abs(Y) / 0.008, 0, 1)
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(X.shape), (0, 0), 3)
+    cloud = raised(cloud_of(panel(), noise=1e-6), long + 1e-5 / noise.std() * noise)
+    (dent,) = inspect(cloud).dents
+    true = 0.09 * (1 - 0.1**0.5) ** (1 / 8)
+    assert abs(dent.length.value - true) < min(0.2 * true, 3 * dent.length.uncertainty)
+
+
 @pytest.mark.parametrize('width', [0.009, 0.01, 0.011, 0.012])
 def test_dents_half_as_wide_as_waves_are_found_between_them(width):
     waves = 6e-5 * np.sin(2 * np.pi * X / 0.12 + 1) * np.sin(2 * np.pi * Y / 0.16)
