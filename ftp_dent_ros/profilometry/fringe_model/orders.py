@@ -282,13 +282,13 @@ class OrderLikelihood:
             more = self._likelihood(cells, orders[[order]], pair[0], gain)
             more -= self._likelihood(cells, orders[[own]], *pair)
             # A step belongs between its two cells.
-            more = np.pad(more[0], ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2)))
-            parts, edge = _minimum_cut(more - lead, cells.level)
+            more = np.pad(more[0], ((0, 0), (_CELLS // 2, _CELLS - _CELLS // 2))) - lead
+            parts, edge = _minimum_cut(more, cells.level)
             part = _joined(parts, _FEW * row, _FEW * _CELLS * word)
             if part.any():
                 total, without = _totals(*self._by_row(cells.within(part), orders))
-                if _odds(total, order, without) > math.log(_ODDS):
-                    local[part], lead = orders[order], np.where(part, more, lead)
+                if min(_odds(total, order, without), more[part].sum() - edge) > math.log(_ODDS):
+                    local[part], lead = orders[order], lead + np.where(part, more, 0)
                 # As likely as the mean of all orders.
                 elif logsumexp(total) - math.log(len(total)) - total[own] > max(
                     math.log(2), edge - math.log(_ODDS)
