@@ -77,6 +77,7 @@ FIGURES = {
     'p95_px': Meaning('95 % below, px', _less, 0.03),
     'wrong_order': Meaning('other fringe, %', _less, 0.002, 100),
     'error_over_sigma': Meaning('error / sigma', _near_one, 0.02),
+    'rms_lowered': Meaning('rms less, %', _more, 0.02, 100),
     'wild': Meaning('beyond 4 sigma, %', _less, 0.002, 100),
     'found': Meaning('found, %', _more, 0.0, 100),
     'findable_listed': Meaning('findable: listed, %', _more, 0.0, 100),

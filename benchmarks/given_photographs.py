@@ -18,6 +18,7 @@ from measures import (
     PAPERS_METHOD,
     Figures,
     attempt,
+    fringe_depth,
     of_dents,
     of_points,
     pixel_of,
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros import inspect, reconstruct
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.file import read_pattern
+from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.file import read_photograph
 from ftp_dent_ros.rig.rig import Rig, read_rig
 from ftp_dent_ros.simulation.truth import TrueDent
@@ -58,21 +60,23 @@ def given(name: str, seed: int, draw: int) -> dict[str, Figures]:
     return rows
 
 
-def _reconstructed(image: Path, stride: int, settings: dict[str, Any]) -> tuple[Cloud, Rig]:
+def _reconstructed(
+    image: Path, stride: int, settings: dict[str, Any]
+) -> tuple[Cloud, Rig, Pattern]:
     rig = read_rig(image.with_name('rig.yaml'))
     file = image.with_name(image.name.replace('image', 'pattern')).with_suffix('.yaml')
-    measured = reconstruct(
-        read_photograph(image), rig, read_pattern(file), stride=stride, **settings
-    )
-    return measured.cloud, rig
+    pattern = read_pattern(file)
+    measured = reconstruct(read_photograph(image), rig, pattern, stride=stride, **settings)
+    return measured.cloud, rig, pattern
 
 
 def _on_lion(image: Path, settings: dict[str, Any]) -> Figures:
     figures: Figures = {}
     depth = np.load(image.with_name('truth.npz'))['z'].astype(float)
     with attempt(figures):
-        cloud, _ = _reconstructed(image, 1, settings)
-        figures |= of_points(cloud, cloud.points[..., 2] - depth, np.isfinite(depth))
+        cloud, rig, pattern = _reconstructed(image, 1, settings)
+        fringe = fringe_depth(rig, pattern, depth)
+        figures |= of_points(cloud, cloud.points[..., 2] - depth, np.isfinite(depth), fringe)
     return figures
 
 
@@ -81,9 +85,10 @@ def _rendered(image: Path, settings: dict[str, Any]) -> Figures:
     truth = np.load(image.with_name('gt_depth.npz'))
     depth, lit, step = truth['z'].astype(float), truth['valid'], int(truth['step'])
     with attempt(figures):
-        cloud, rig = _reconstructed(image, step, settings)
+        cloud, rig, pattern = _reconstructed(image, step, settings)
         along = np.linalg.norm(rig.camera.rays(rig.camera.pixel_grid(step)), axis=-1)
-        figures |= of_points(cloud, (cloud.points[..., 2] - depth) * along, lit)
+        fringe = fringe_depth(rig, pattern, depth)
+        figures |= of_points(cloud, (cloud.points[..., 2] - depth) * along, lit, fringe)
         if not settings:
             told = json.loads(image.with_name('scene.json').read_text())['dents']
             pixels = {dent: pixel_of(rig, step, dent) for dent in map(_true_dent, told)}
@@ -113,7 +118,7 @@ def _on_desk(image: Path, method: str, settings: dict[str, Any]) -> dict[str, Fi
     for region, number in REGIONS.items():
         figures = rows[f'{method}, {region}']
         with attempt(figures):
-            cloud, rig = _reconstructed(image, 1, settings)
+            cloud, rig, _ = _reconstructed(image, 1, settings)
             there = truth['region'] == number
             on = there & cloud.valid
             figures['coverage'] = float(on.sum() / there.sum())

@@ -22,7 +22,7 @@ from ftp_dent_ros import inspect, reconstruct
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.dents.dent import Inspection, MeasuredDent, SmallestDent
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL
-from ftp_dent_ros.pattern.pattern import CODES
+from ftp_dent_ros.pattern.pattern import CODES, Pattern
 from ftp_dent_ros.rig.rig import Rig
 from ftp_dent_ros.simulation import Dent, Surface
 from ftp_dent_ros.simulation.dents import Shape
@@ -33,6 +33,8 @@ SIZES = 'depth', 'length', 'width'
 PAPERS_METHOD = 'virtual-reference'
 # Errors beyond so many sigma are counted.
 WILD = 4
+# Share of the points with the smallest sigma.
+SUREST = 0.95
 # How far off its truth what is found may lie at least, metres.
 NEAREST = 0.010
 # Kinds that a true dent counts as listed under.
@@ -60,19 +62,38 @@ def root_mean_square(values) -> float:
     return float(np.sqrt(np.mean(values * values))) if len(values) else math.nan
 
 
-def of_points(cloud: Cloud, error: NDArray, lit: NDArray[np.bool_]) -> Figures:
-    """Of a cloud whose points err by so much along their rays, metres, on what is lit."""
+def of_points(cloud: Cloud, error: NDArray, lit: NDArray[np.bool_], fringe: NDArray) -> Figures:
+    """Of a cloud, on what is lit.
+
+    Parameters
+    ----------
+    error : ndarray, shape (rows, columns)
+        Of the points along their rays, metres.
+    fringe : ndarray, shape (rows, columns)
+        Depth between neighbouring fringes, metres.
+    """
     on = cloud.valid & lit
     figures: Figures = {'coverage': float(on.sum() / max(lit.sum(), 1))}
     if on.any():
-        size = MM * np.abs(error[on])
+        error, sigma = error[on], cloud.sigma[on]
+        size = MM * np.abs(error)
         figures |= {'mae_mm': float(size.mean()), 'p95_mm': float(np.percentile(size, 95))}
-        ratio = error[on] / cloud.sigma[on]
+        figures['wrong_order'] = float((np.abs(error) > fringe[on] / 2).mean())
+        surest = error[sigma <= np.quantile(sigma, SUREST)]
+        figures['rms_lowered'] = 1 - root_mean_square(surest) / root_mean_square(error)
+        ratio = error / sigma
         ratio = ratio[np.isfinite(ratio)]
         if len(ratio):
             figures['error_over_sigma'] = root_mean_square(ratio)
             figures['wild'] = float((np.abs(ratio) > WILD).mean())
     return figures
+
+
+def fringe_depth(rig: Rig, pattern: Pattern, depth: NDArray) -> NDArray:
+    """Depth between neighbouring fringes at a depth, metres, where the axes are parallel."""
+    focal = rig.projector.camera_matrix[0, 0]
+    spacing: NDArray = depth**2 * pattern.period_px / (focal * np.linalg.norm(rig.translation))
+    return spacing
 
 
 def visible(scene: Scene, truth: GroundTruth) -> list[TrueDent]:
@@ -213,7 +234,8 @@ def of_photograph(
         cloud = reconstruct(photograph, scene.rig, scene.pattern, stride=STRIDE, **settings).cloud
         if truth is not None:
             error = (cloud.points[..., 2] - truth.depth) * truth.along_ray
-            figures |= of_points(cloud, error, truth.lit)
+            fringe = fringe_depth(scene.rig, scene.pattern, truth.depth)
+            figures |= of_points(cloud, error, truth.lit, fringe)
         if 'method' not in settings:
             true = [] if truth is None else visible(scene, truth)
             pixels = [pixel_of(scene.rig, STRIDE, dent) for dent in true]

@@ -17,7 +17,9 @@ deviation; `all` is the mean of a table's rows. Everything is simulated but what
 was made elsewhere: `eval` by another renderer, `real` with a camera.
 
 - Coverage: of the lit skin. MAE, and what 95 % of the errors are below: along the rays.
-- Error / sigma: root mean square of the points' errors over their stated uncertainty.
+- Error / sigma: root mean square of the points' errors over their stated uncertainty. Rms less:
+  how much less the root mean square of the errors is without the 5 % that are least sure.
+- Other fringe: points that are off by more than half of what lies between neighbouring fringes.
 - Found: of the dents in view. Findable: of those as wide as the smallest dent that are deeper
   than what is stated as findable at their place; they are listed as dents or creases, or in doubt
   as anything else, or not at all. Two dents without a saddle of
