@@ -75,7 +75,7 @@ def denoise(
     ratios : sequence of ndarray, shape (rows, nodes)
         Variance of the phase over theirs, in noise that light has.
     weight : ndarray, shape (rows, nodes), float32
-        Precision of the phase over that which noise leaves it: 0 beyond the surface.
+        How much nodes count: 1, less where they may be wrong, 0 beyond the surface.
     posterior : ndarray, shape (rows, nodes), float32
         Variance of the phase in one window by what the fit leaves, radians^2: noise is no less.
     """

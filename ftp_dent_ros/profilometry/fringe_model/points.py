@@ -109,7 +109,7 @@ class Points:
             coarse,
             [x - quadric_through(places, x, surface).at(*places) for x in self._changes],
             fit.ratios,
-            inside / (1 + self._unexplained / np.maximum(fit.variance, np.float32(1e-12))),
+            inside / (1 + self._unexplained / np.float32(_DEVIATION**2)),
             fit.variance,
         )
         variance, noise = (
