@@ -10,9 +10,9 @@ With sizes on the contour at 10 % of the depth:
 - *bump*: outward.
 - *crease*: longer than `LONG` widths, at half of its depth too, and its radius of curvature at
   the bottom is smaller than `_SHARP` width^2 / (8 depth) (a Gaussian has 0.47 of it, a paraboloid
-  1.1), or it is so narrow that the reconstruction cannot show whether it is (where its bottom
-  looks blunt, only what is surely narrower than the smallest dent). Repair manuals treat a crease
-  as a crack.
+  1.1), or it is so narrow that the reconstruction cannot show whether it is. With a bottom that
+  looks blunt it must be surely narrower than the smallest dent, too. Repair manuals treat a
+  crease as a crack.
 - *dent*: all else that is inward.
 """
 

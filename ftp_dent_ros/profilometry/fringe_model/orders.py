@@ -47,11 +47,11 @@ _ODDS = 1e3
 _MEETING = -math.log(LEAP / math.pi)
 # Whole numbers of a minimum cut in a natural logarithm.
 _PER_NAT = 1000
-# Words about one row and fringe of so many show whether a part may be of another order.
+# Words are looked at about every so many rows and fringes.
 _FEW = 4
 # Of a cell without an order.
 _NONE = np.iinfo(np.int16).min
-# Fringes that tell their place in the code; so many rows of them are looked at together.
+# A word: so many fringes side by side show their place in the code.
 WORD = 8
 # Fringes across an edge whose steps are of both sides: that of a step, and two deviations of a
 # window on each side of it.
@@ -253,7 +253,7 @@ class OrderLikelihood:
     def _cut(self, cells: _Cells, best: int, *pair: float) -> NDArray[np.int16]:
         """Order of each cell, none at edges between two (eq. 14), and where it is not certain.
 
-        Each word that shows another order than its own proposes one part.
+        A word that shows another order, or no code, proposes one part.
 
         Parameters
         ----------
@@ -268,17 +268,17 @@ class OrderLikelihood:
         own = np.flatnonzero(orders == best)[0]
         few, words = cells.rows(slice(None, None, _FEW)), np.float32(0)
         # Another surface may show the code in another blur.
-        of_gains = [self._words(few, orders, pair[0], gain) for gain in _GAINS]
-        # Words of one of the few rows, two, and four together.
+        by_gain = [self._words(few, orders, pair[0], gain) for gain in _GAINS]
+        # A word is one, two or four of the few rows high.
         for rows in (1, 2, 4):
-            likeliest = np.maximum.reduce(of_gains)
+            likeliest = np.maximum.reduce(by_gain)
             words = np.maximum(words, likeliest - likeliest[own])
-            of_gains = [x + np.pad(x, ((0, 0), (0, rows), (0, 0)))[:, rows:] for x in of_gains]
+            by_gain = [x + np.pad(x, ((0, 0), (0, rows), (0, 0)))[:, rows:] for x in by_gain]
         words = _shown(words)
         local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
         while words.max(initial=0) > math.log(_ODDS):
             order, row, word = map(int, np.unravel_index(words.argmax(), words.shape))
-            gain = _GAINS[np.argmax([each[order, row, word] for each in of_gains])]
+            gain = _GAINS[np.argmax([each[order, row, word] for each in by_gain])]
             more = self._likelihood(cells, orders[[order]], pair[0], gain)
             more -= self._likelihood(cells, orders[[own]], *pair)
             # A step belongs between its two cells.
@@ -289,12 +289,12 @@ class OrderLikelihood:
                 total, without = _totals(*self._by_row(cells.within(part), orders))
                 if min(_odds(total, order, without), more[part].sum() - edge) > math.log(_ODDS):
                     local[part], lead = orders[order], lead + np.where(part, more, 0)
-                # As likely as the mean of all orders.
+                # Its steps contradict the order of the surface.
                 elif logsumexp(total) - math.log(len(total)) - total[own] > max(
                     math.log(2), edge - math.log(_ODDS)
                 ):
                     local[part] = _NONE
-            # Words in the part have shown it, and words outside all parts show no part.
+            # Words in the part have shown it; outside all parts its order is not shown.
             part, parts = (x[::_FEW, :: _FEW * _CELLS][:, : words.shape[2]] for x in (part, parts))
             words[:, part] = 0
             words[order, ~parts] = 0
@@ -363,7 +363,7 @@ class OrderLikelihood:
         return without, without + np.moveaxis(ratio, 0, 2).reshape(len(without), len(orders), -1)
 
     def _words(self, cells: _Cells, orders, scatter, gain):
-        """Logarithm for the word about every few fringes under each order, by one row of few."""
+        """Logarithm for each word, one row high, under each order: (orders, rows, words)."""
         of_fringes = self._likelihood(cells, orders, scatter, gain, _CELLS)
         words: Any = cv2.boxFilter(
             of_fringes.reshape(-1, of_fringes.shape[2]),
@@ -426,7 +426,8 @@ def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArra
 def _shown(words: NDArray[np.float32]) -> NDArray[np.float32]:
     """Words where an order is ahead at the odds, and likelier than all others together; else 0.
 
-    Of many orders some are ahead by chance.
+    Of many orders some are ahead by chance. No code, the first of them, is as likely as each order
+    that has none there, so that the odds are enough.
     """
     rows, cells = np.nonzero(words.max(axis=0) > math.log(_ODDS))
     ahead = words[:, rows, cells]
