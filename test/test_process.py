@@ -1,4 +1,4 @@
-"""BLAS with one thread a process, unless the user wants more."""
+"""BLAS with one thread a process, unless the user wants more; an end that nothing holds up."""
 
 from __future__ import annotations
 
@@ -15,6 +15,12 @@ import os
 from ftp_dent_ros.{module}
 import numpy
 print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'])
+"""
+HELD = """
+import ctypes
+from ftp_dent_ros.process import end_within
+end_within(1, 7)
+ctypes.PyDLL(None).pause()
 """
 CALLED = SCRIPT.format(module='process import one_for_blas; one_for_blas()')
 
@@ -39,3 +45,7 @@ def test_blas_has_one_thread_unless_the_environment_says_otherwise():
     more, wanted = threads(CALLED, OPENBLAS_NUM_THREADS='2')
     assert wanted == 2
     assert more <= 2
+
+
+def test_a_call_that_never_returns_and_holds_the_interpreter_does_not_keep_the_process():
+    assert subprocess.run([sys.executable, '-c', HELD], timeout=60).returncode == 7
