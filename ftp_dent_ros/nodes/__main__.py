@@ -14,8 +14,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ftp_dent_ros.errors import FtpDentError, missing_package
+from ftp_dent_ros.process import end_within
 from ftp_dent_ros.ros.node import ThreadedExecutor
 from ftp_dent_ros.supervision.processes import stop_event
+
+# Seconds: a supervisor waits for as long before it insists, see `Processes.stop`.
+_PATIENCE = 5
 
 
 def node_class(name: str) -> Any:
@@ -28,7 +32,7 @@ def main() -> int:
     """Run the node that the program is named after until SIGINT, SIGTERM or SIGHUP.
 
     An exception of a callback is logged and the node goes on: a message from anywhere must not
-    end it. What a node holds (threads, devices, sockets) it lets go in its `destroy_node`.
+    end it.
 
     Returns
     -------
@@ -36,35 +40,46 @@ def main() -> int:
         Exit status: 0 after a signal, 2 if the parameters or arguments are wrong (one line on
         stderr).
     """
+    with ExitStack() as ros:
+        with ExitStack() as held:
+            status = _run(ros, held)
+        # Fast DDS may hold the interpreter for good as it destroys a participant: its issue 6513.
+        end_within(_PATIENCE, status)
+    return status
+
+
+def _run(ros: ExitStack, held: ExitStack) -> int:
+    """Exit status, once the node is to end: what it held ends first, then ROS."""
     name, stop = Path(sys.argv[0]).name, stop_event()
-    with ExitStack() as ending:
+    try:
+        # Not rclpy's own handlers: they end the context while threads still publish.
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        ros.callback(rclpy.try_shutdown)
+        node = node_class(name)()
+        ros.callback(node.destroy_node)
+        held.callback(node.ending.close)
+        node.start()
+    except ModuleNotFoundError as error:
+        print(f'{name}: {missing_package(error)}', file=sys.stderr)
+        return 2
+    except Exception as error:
+        # Of ours, or rclpy's: of arguments, of a QoS override or of the environment.
+        known = isinstance(error, (FtpDentError, RuntimeError))
+        if not known and not type(error).__module__.startswith('rclpy'):
+            raise
+        print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
+        return 2
+    single = node.threads == 1
+    executor = SingleThreadedExecutor() if single else ThreadedExecutor(node.threads)
+    held.callback(executor.shutdown, 2.0)  # for a callback that waits
+    executor.add_node(node)
+    while rclpy.ok() and not stop.is_set():
         try:
-            # Not rclpy's own handlers: they end the context while threads still publish.
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            ending.callback(rclpy.try_shutdown)
-            node = node_class(name)()
-        except ModuleNotFoundError as error:
-            print(f'{name}: {missing_package(error)}', file=sys.stderr)
-            return 2
-        except Exception as error:
-            # Of ours, or rclpy's: of arguments, of a QoS override or of the environment.
-            known = isinstance(error, (FtpDentError, RuntimeError))
-            if not known and not type(error).__module__.startswith('rclpy'):
-                raise
-            print(f'{name}: {str(error).splitlines()[0]}', file=sys.stderr)
-            return 2
-        ending.callback(node.destroy_node)
-        single = node.threads == 1
-        executor = SingleThreadedExecutor() if single else ThreadedExecutor(node.threads)
-        ending.callback(executor.shutdown, 2.0)  # for a callback that waits
-        executor.add_node(node)
-        while rclpy.ok() and not stop.is_set():
-            try:
-                executor.spin_once(timeout_sec=0.2)
-            except Exception as error:  # noqa: PERF203
-                node.get_logger().error(
-                    f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
-                )
+            executor.spin_once(timeout_sec=0.2)
+        except Exception as error:  # noqa: PERF203
+            node.get_logger().error(
+                f'unexpected {type(error).__name__}: {error}\n{traceback.format_exc()}'
+            )
     return 0
 
 

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
@@ -55,8 +54,7 @@ class CameraCapture(PayloadNode[CameraCaptureSettings]):
 
     threads = 2
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('camera_capture', **options)
+    def _set_up(self) -> None:
         given = self.given
         self._source: Source = make_source(given, self.now_ns)
         self._image = self.create_publisher(

@@ -56,8 +56,7 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
 
     threads = 2
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('dent_inspector', **options)
+    def _set_up(self) -> None:
         given = self.given
         self._tagged = given.source == TAGGED
         self._smallest = SmallestDent(given.smallest_depth, given.smallest_width)

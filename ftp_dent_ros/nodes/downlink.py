@@ -48,8 +48,7 @@ def _jpeg(bgr: Any, quality: int) -> bytes:
 class Downlink(PayloadNode[DownlinkSettings]):
     """Node that sends what the payload publishes to the ground."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('downlink', **options)
+    def _set_up(self) -> None:
         given = self.given
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._lens: Lens | None = None

@@ -9,7 +9,6 @@ import queue
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -139,28 +138,24 @@ class GroundStation(PayloadNode[GroundStationSettings]):
 
     threads = 4
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('ground_station', **options)
+    def _set_up(self) -> None:
         given = self.given
         self._drone_is_here = False
         self._topics = GroundTopics(self)
         self._queue: queue.Queue[Item | None] = queue.Queue(64)
         self.diagnostics.hardware_id = given.address
         self._page: PageServer | None = None
-        with ExitStack() as held:
-            link = GroundLink('ground', given.address, given.security, given.name)
-            self._station = held.enter_context(
-                closing(Station(link, self._queue.put, given.station))
-            )
-            if given.web:
-                # Only who wants a page needs aiohttp.
-                from ftp_dent_ros.ground.page.server import PageServer
+        link = GroundLink('ground', given.address, given.security, given.name)
+        self._station = Station(link, self._queue.put, given.station)
+        self.ending.callback(self._station.close)
+        if given.web:
+            # Only who wants a page needs aiohttp.
+            from ftp_dent_ros.ground.page.server import PageServer
 
-                self._page = held.enter_context(closing(PageServer(given.web, self._station)))
-                self.get_logger().info(f'what comes is shown at {self._page.url}')
-                self.get_logger().info(f'for Foxglove it is at {self._page.foxglove_url}')
-            # Where that failed the link's threads would keep the process.
-            self.ending.push(held.pop_all())
+            self._page = PageServer(given.web, self._station)
+            self.ending.callback(self._page.close)
+            self.get_logger().info(f'what comes is shown at {self._page.url}')
+            self.get_logger().info(f'for Foxglove it is at {self._page.foxglove_url}')
         worker = threading.Thread(target=self._run, name='decoding', daemon=True)
         worker.start()
         self.ending.callback(worker.join, 5.0)

@@ -162,8 +162,7 @@ class BridgeCamera:
 class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
     """Node that tags clouds with the autopilot's pose."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('mavlink_bridge', **options)
+    def _set_up(self) -> None:
         given = self.given
         self._origin: Origin | None = None
         self._mount = Pose.from_rpy(given.rpy, given.translation)
@@ -205,7 +204,6 @@ class MavlinkBridge(PayloadNode[MavlinkBridgeSettings]):
         self.create_timer(0.1, self._settle, clock=steady)
         self.create_timer(1.0, self._send_heartbeats, clock=steady)
         self._camera = BridgeCamera(self, self._mount) if given.is_camera else None
-        # Last, for its thread must not be left behind if something above fails.
         self.link = Link(
             given.address,
             given.baud,

@@ -39,8 +39,7 @@ _CHANGEABLE = 'period_px', 'stripe_center_px', 'code'
 class PatternPublisher(PayloadNode[PatternPublisherSettings]):
     """Node that draws and publishes the pattern; its period and stripe can be changed."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('pattern_publisher', **options)
+    def _set_up(self) -> None:
         given = self.given
         self._pattern = self._make(*(getattr(given, name) for name in _CHANGEABLE))
         self._image = self.create_publisher(Image, 'projector/image_raw', PATTERNS)

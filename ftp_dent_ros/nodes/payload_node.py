@@ -21,31 +21,37 @@ Settings = TypeVar('Settings')
 class PayloadNode(Node, Generic[Settings]):
     """A node of the package, with its parameters read and its state on ``/diagnostics``.
 
+    It is named after its module. What `start` raises leaves a node that can be destroyed.
+
     Parameters
     ----------
-    name : str
-        In `OF_NODES`.
     **options
         Of `rclpy.node.Node`.
-
-    Raises
-    ------
-    ConfigurationError
-        A parameter is wrong.
     """
 
     given: Settings
     #: Of its executor: more than one for a node with a callback that waits.
     threads = 1
 
-    def __init__(self, name: str, **options: Any) -> None:
-        super().__init__(name, **options)
-        self.settings = Parameters(self)
-        self.given = read(OF_NODES[name], self.settings)
-        self.settings.close(names_of_all)
-        self.diagnostics = Diagnostics(self, self._judge)
+    def __init__(self, **options: Any) -> None:
+        self._executable = self.__module__.rpartition('.')[2]
+        super().__init__(self._executable, **options)
         #: Ends what the node holds (threads, devices, sockets), the last one first.
         self.ending = ExitStack()
+
+    def start(self) -> None:
+        """Read the parameters, and begin to work.
+
+        Raises
+        ------
+        ConfigurationError
+            A parameter is wrong.
+        """
+        self.settings = Parameters(self)
+        self.given = read(OF_NODES[self._executable], self.settings)
+        self.settings.close(names_of_all)
+        self.diagnostics = Diagnostics(self, self._judge)
+        self._set_up()
 
     def destroy_node(self) -> None:
         """End what the node holds first."""
@@ -85,6 +91,10 @@ class PayloadNode(Node, Generic[Settings]):
         made = NewestWorker(self.diagnostics, work, what, **options)
         self.ending.callback(made.stop, finish)
         return made
+
+    def _set_up(self) -> None:
+        """Make what the node is of."""
+        raise NotImplementedError
 
     def _judge(self) -> Sequence[Verdict]:
         """What the node knows of its state; see `Diagnostics`."""

@@ -49,8 +49,7 @@ from ftp_dent_ros.ros.qos import CLOUDS, OVERRIDABLE, PATTERNS, AnySubscription
 class Reconstruction(PayloadNode[ReconstructionSettings]):
     """Node that turns each photograph into an organised cloud of the same stamp and frame."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('reconstruction', **options)
+    def _set_up(self) -> None:
         given = self.given
         self._patterns = PatternHistory(round(1e9 * given.pattern_settling))
         # With their tables: of the patterns before and after a change.

@@ -10,7 +10,6 @@ subscribes, once a second at most. Clouds have to come in the camera's frame.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -33,8 +32,7 @@ from ftp_dent_ros.survey.joining import Joining
 class Survey(PayloadNode[SurveySettings]):
     """Node that joins a flight's clouds to one skin."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('survey', **options)
+    def _set_up(self) -> None:
         given = self.given
         deviations = given.translation_uncertainty, given.rotation_uncertainty
         self._unstated = np.diag(np.square(np.repeat(deviations, 3)))

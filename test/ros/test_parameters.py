@@ -124,6 +124,7 @@ def test_every_parameter_stands_on_the_page(ros, name):
         parameter_overrides=[Parameter(key, value=value) for key, value in GIVEN[name].items()],
     )
     try:
+        node.start()
         lines = table(node, GIVEN[name])
     finally:
         node.destroy_node()

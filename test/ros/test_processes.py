@@ -72,6 +72,8 @@ def test_what_is_wrong_with_a_parameter_is_said(
         Parameter(name, value=str(files[value]) if value in files else value)
         for name, value in parameters.items()
     ]
+    made = node(context=ros.context, parameter_overrides=overrides)
     with pytest.raises(FtpDentError) as caught:
-        node(context=ros.context, parameter_overrides=overrides)
+        made.start()
+    made.destroy_node()
     assert sentence in str(caught.value)
