@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 import traceback
 from contextlib import ExitStack
@@ -45,6 +46,9 @@ def main() -> int:
             status = _run(ros, held)
         # Fast DDS may hold the interpreter for good as it destroys a participant: its issue 6513.
         end_within(_PATIENCE, status)
+        # As Python ends, it would give another signal its usual effect back.
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
     return status
 
 

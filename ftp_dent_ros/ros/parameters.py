@@ -61,7 +61,7 @@ class Parameters(Declarations):
         for name in unknown(self._values, declared):
             if name not in of_all_nodes():
                 raise ConfigurationError(undeclared(name, declared))
-            self._node.get_logger().warning(f'{undeclared(name, declared)} It is not used.')
+            self._node.get_logger().warning(f'{name} is not used: {undeclared(name, declared)}')
         for name, path in self.files.items():
             line = f'{name}: {path} (SHA-256 {files.content_id(path)}...)'
             self._node.get_logger().info(line)
