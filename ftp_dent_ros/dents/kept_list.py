@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from ftp_dent_ros.pose import Pose
 
 # A state of the list is kept before every so many frames: to begin a correction there.
 _EVERY = 8
+# Of the lines of its file.
+_STARTS = b'{"frame_id": ', b'{"corrected": '
 
 
 class KeptList:
@@ -220,8 +222,11 @@ def _other_frame(what: str, frame_id: str, own: str) -> PoseError:
     )
 
 
-def _lines(path: Path) -> list[bytes]:
-    """Records of a file, which is made if it is not there; one that a crash cut short is gone."""
+def _lines(path: Path) -> Iterator[bytes]:
+    """Records of a file, which is made if it is not there; one that a crash cut short is gone.
+
+    But first they have all been taken: a file that is something else is left as it is.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
@@ -230,10 +235,13 @@ def _lines(path: Path) -> list[bytes]:
         raise ConfigurationError(
             f'{path}: the list cannot be kept there ({reason.strerror}): name another file'
         ) from None
-    if last:
+    yield from lines
+    begun = last.rstrip(b'\0')  # which a power cut may leave
+    if not any(start.startswith(begun[: len(start)]) for start in _STARTS):
+        yield last
+    elif last:
         # The next entry must not be joined to it.
         os.truncate(path, sum(len(line) + 1 for line in lines))
-    return lines
 
 
 def _append(path: Path, record: dict[str, Any]) -> None:

@@ -130,10 +130,12 @@ def test_no_other_frame_clears_it():
     assert (len(kept.entries), kept.clouds, kept.frame_id) == (1, 1, 'map')
 
 
-def test_a_file_of_something_else_is_named(tmp_path):
+@pytest.mark.parametrize('text', ['buy milk\n', '[{}]', 'buy milk\nand bread'])
+def test_a_file_of_something_else_is_named_and_left_as_it_is(tmp_path, text):
     path = tmp_path / 'notes.txt'
-    path.write_text('buy milk\n')
+    path.write_text(text)
     with pytest.raises(ConfigurationError, match='line 1 is no entry'):
         KeptList(path)
+    assert path.read_text() == text
     with pytest.raises(ConfigurationError, match='cannot be kept'):
         KeptList(tmp_path)
