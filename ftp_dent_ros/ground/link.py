@@ -160,7 +160,7 @@ def endpoints(address: str, security: Security, role: str) -> list[str]:
     match = _ADDRESS.fullmatch(address)
     port = int(match['port'] or PORT) if match else 0
     if match is None or not 0 < port < 65536 or (match['stream'] and role == 'drone'):
-        raise ConfigurationError(f'{address}: no address of a link: give HOST or HOST:PORT')
+        raise ConfigurationError(f'{address!r} is no address of a link: give HOST or HOST:PORT')
     if security.keys is not None:
         require_pair(security.keys, role)
     elif not security.open and not is_here(match['host']):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import signal
 import sys
 import traceback
 from contextlib import ExitStack
@@ -17,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from ftp_dent_ros.errors import FtpDentError, missing_package
 from ftp_dent_ros.process import end_within
 from ftp_dent_ros.ros.node import ThreadedExecutor
-from ftp_dent_ros.supervision.processes import stop_event
+from ftp_dent_ros.supervision.processes import ignore_signals, stop_event
 
 # Seconds: a supervisor waits for as long before it insists, see `Processes.stop`.
 _PATIENCE = 5
@@ -46,9 +45,7 @@ def main() -> int:
             status = _run(ros, held)
         # Fast DDS may hold the interpreter for good as it destroys a participant: its issue 6513.
         end_within(_PATIENCE, status)
-        # As Python ends, it would give another signal its usual effect back.
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
+        ignore_signals()
     return status
 
 

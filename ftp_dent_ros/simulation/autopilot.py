@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from ftp_dent_ros.errors import ConfigurationError, FtpDentError, LinkError
 from ftp_dent_ros.pose import Pose
 from ftp_dent_ros.simulation.world import World, read_world
+from ftp_dent_ros.supervision.processes import ignore_signals
 
 _ADDRESS = re.compile(r'udp(in|out):[\w.-]+:(\d{1,5})')
 
@@ -326,7 +327,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'simulated_autopilot: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        pass
+        ignore_signals()
     return 0
 
 

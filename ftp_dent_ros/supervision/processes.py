@@ -19,6 +19,7 @@ from ftp_dent_ros.errors import ConfigurationError
 
 # Of util-linux; it replaces itself by the program. (A preexec_fn is not safe beside threads.)
 _ENDS_WITH_US = ('setpriv', '--pdeathsig', 'TERM', '--') if shutil.which('setpriv') else ()
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 WRONG_PARAMETERS = 2  # the exit status of a node that cannot use what it was given
 
 
@@ -287,8 +288,7 @@ class ProcessLog(AbstractContextManager['ProcessLog']):
 @contextmanager
 def stop_event_meanwhile() -> Iterator[threading.Event]:
     """As `stop_event`, until the end of the ``with`` block."""
-    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.getsignal(number) for number in signals}
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
     try:
         yield stop_event()
     finally:
@@ -303,7 +303,13 @@ def stop_event() -> threading.Event:
     that `nohup` lets be ignored stays ignored.
     """
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in _SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: stop.set())
     return stop
+
+
+def ignore_signals() -> None:
+    """Ignore what `stop_event` hears: Python's own end would let it kill the process."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
