@@ -303,9 +303,15 @@ def stop_event() -> threading.Event:
     that `nohup` lets be ignored stays ignored.
     """
     stop = threading.Event()
+
+    def hear(*_: object) -> None:
+        # In a thread, for where the signal comes its lock may be held, by `wait` or by `set`.
+        if not stop.is_set():
+            threading.Thread(target=stop.set).start()
+
     for number in _SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, lambda *_: stop.set())
+            signal.signal(number, hear)
     return stop
 
 

@@ -1,4 +1,5 @@
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -6,7 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from ftp_dent_ros.supervision.processes import Processes, Program, respawn_delay
+from ftp_dent_ros.supervision.processes import (
+    Processes,
+    Program,
+    respawn_delay,
+    stop_event_meanwhile,
+)
 
 # `-I -S`: a bare interpreter that starts at once.
 BARE = (sys.executable, '-I', '-S', '-c')
@@ -95,3 +101,11 @@ def test_what_ends_soon_waits_longer_each_time_and_what_ran_well_does_not_wait()
     assert delays[1:] == [1, 2, 4, 8, 16, 30, 30]
     assert respawn_delay(-9, 61.0, 30.0) == 0
     assert respawn_delay(2, 61.0, 30.0) is None
+
+
+def test_a_signal_is_heard_also_where_its_events_lock_is_held():
+    with stop_event_meanwhile() as stop:
+        with stop._cond:  # as `wait` holds it for a moment
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGTERM)
+        assert stop.wait(60)
