@@ -255,12 +255,22 @@ class RenderedSource(PacedSource):
         ROS time at which the flight starts, nanoseconds.
     now_ns : callable
         ROS time, nanoseconds.
+
+    Raises
+    ------
+    ConfigurationError
+        There is none, or no rate.
     """
 
     def __init__(
         self, folder: Path, rate: float, start_ns: int, now_ns: Callable[[], int]
     ) -> None:
         self._paths = sorted(folder.glob('*.npz'))
+        if not self._paths or rate <= 0:
+            raise ConfigurationError(
+                f'{folder}: what is rendered ahead are files NUMBER.npz there, of a rate above 0: '
+                'correct simulation.ahead or rate'
+            )
         self._period_ns, self._start_ns, self._now_ns = round(1e9 / rate), start_ns, now_ns
         self._next = 0
         super().__init__(rate)

@@ -9,13 +9,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
-
 from ftp_dent_ros.errors import FtpDentError, missing_package
 from ftp_dent_ros.process import end_within
-from ftp_dent_ros.ros.node import ThreadedExecutor
 from ftp_dent_ros.supervision.processes import ignore_signals, stop_event
 
 # Seconds: a supervisor waits for as long before it insists, see `Processes.stop`.
@@ -53,6 +48,13 @@ def _run(ros: ExitStack, held: ExitStack) -> int:
     """Exit status, once the node is to end: what it held ends first, then ROS."""
     name, stop = Path(sys.argv[0]).name, stop_event()
     try:
+        # Only now, for it takes long, and a signal meanwhile is no error.
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.signals import SignalHandlerOptions
+
+        from ftp_dent_ros.ros.node import ThreadedExecutor
+
         # Not rclpy's own handlers: they end the context while threads still publish.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         ros.callback(rclpy.try_shutdown)

@@ -58,6 +58,16 @@ def test_bad_parameters_are_one_clear_line_and_status_2(ros, rig_file):
         (Reconstruction, {'rig': 'BROKEN'}, 'camera.distortion_model'),
         (CameraCapture, {'source': 'files'}, 'no image files are named'),
         (CameraCapture, {'source': 'simulation'}, 'set the parameter rig'),
+        (
+            CameraCapture,
+            {
+                'source': 'simulation',
+                'rig': 'RIG',
+                'simulation.scene': 'shipped:scene.yaml',
+                'simulation.ahead': 'nowhere',
+            },
+            'correct simulation.ahead',
+        ),
         (CameraCapture, {'device.width': 0}, 'set rig, or device.width and device.height'),
         (CameraCapture, {'rig': 'RIG', 'device.fourcc': 'MJPEG'}, 'has not four characters'),
     ],
