@@ -103,8 +103,7 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     # which half as wide a mean has twice as much. And where no contour is met, what is wide is as
     # likely the skin's own shape as a dent.
     half, wide = (float(np.median(skin.noise.after(scale))) for scale in scales[1:])
-    matters = LEVEL * settings.smallest_depth / SURE
-    if part.is_met and wide < max(half / math.sqrt(2), matters):
+    if part.is_met and wide < max(half / math.sqrt(2), LEVEL * settings.smallest_depth / SURE):
         return skin
     # Crests of waves stray from the contour as dents do: weights keep them in the relief.
     bare = seen = usable & np.isfinite(skin.deviation)

@@ -23,7 +23,7 @@ _GRID = 2.0
 # Steps towards the fixed point between new weights.
 _TURNS = 10
 #: Smallest widths about a dent within which its edge runs out. Holes that show a fit's error are
-# so wide to each side: narrower ones would show noise.
+# so wide to each side.
 AROUND = 1.5
 
 Field = NDArray[np.float64]
