@@ -190,7 +190,7 @@ class _Split:
         wanted = least * height + tolerance - SURE * self._finest
         if border.any() and np.quantile(steepest[border], share) < wanted:
             return None
-        # On most of it one plane lies beside the contour, as noise does: crests of waves are round.
+        # On most of it one plane lies beside the contour but for noise: crests are round.
         rows, columns = np.nonzero(core)
         terms = np.stack([np.ones(len(rows)), rows, columns]).astype(float)
         left = np.abs(deviation[core] - fitted(terms, deviation[core]) @ terms)

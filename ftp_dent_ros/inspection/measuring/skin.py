@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
 from ftp_dent_ros.inspection.measuring.gaps import filled
-from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, WIDE, Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, WIDE, Lattice
 from ftp_dent_ros.inspection.measuring.noise import (
     SURE,
     Map,
@@ -99,11 +99,11 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
         bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
-    # Waves that may feign a part of the smallest dent matter, if they stray more than noise, of
-    # which half as wide a mean has twice as much. And where no contour is met, what is wide is as
-    # likely the skin's own shape as a dent.
+    # Waves that may feign what a mean has of the smallest dent matter, if they stray more than
+    # noise, of which half as wide a mean has twice as much. And where no contour is met, what is
+    # wide is as likely the skin's own shape as a dent.
     half, wide = (float(np.median(skin.noise.after(scale))) for scale in scales[1:])
-    if part.is_met and wide < max(half / math.sqrt(2), LEVEL * settings.smallest_depth / SURE):
+    if part.is_met and wide < max(half / math.sqrt(2), LEAST * settings.smallest_depth / SURE):
         return skin
     # Crests of waves stray from the contour as dents do: weights keep them in the relief.
     bare = seen = usable & np.isfinite(skin.deviation)
