@@ -68,7 +68,8 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
         for side, sign in enumerate((1, -1)):
             deep = sign * smooth > LEAST * least
             np.fmax(evidence[side], sign * ratio, out=evidence[side], where=deep)
-        if np.median(base[known]) > least / significant:
+        # Wider means have less noise, and more of what is not known of the waves below a dent.
+        if max(np.median(spread[known]), least / significant) < np.median(base[known]):
             base, height = spread, smooth
     found = []
     for side, sign in enumerate((1, -1)):

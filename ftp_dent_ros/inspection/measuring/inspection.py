@@ -21,8 +21,8 @@ from ftp_dent_ros.inspection.measuring.detection import find_places
 from ftp_dent_ros.inspection.measuring.findable import findable_depth
 from ftp_dent_ros.inspection.measuring.lattice import Lattice
 from ftp_dent_ros.inspection.measuring.measurement import measure
-from ftp_dent_ros.inspection.measuring.segmentation import seams, segment
-from ftp_dent_ros.inspection.measuring.skin import bare_skin
+from ftp_dent_ros.inspection.measuring.segmentation import Segment, seams, segment
+from ftp_dent_ros.inspection.measuring.skin import Skin, bare_skin
 from ftp_dent_ros.inspection.measuring.steps import find_steps
 from ftp_dent_ros.inspection.measuring.waviness import CUTOFF, waviness_of
 
@@ -82,16 +82,22 @@ def inspect(
         np.copyto(findable, lattice.spread(least, shape), where=at)
         for place in find_places(skin, lattice, settings):
             dents = measure(place, skin, lattice, settings)
-            found += dents if part.is_met else [_unless_shape(dent, settings) for dent in dents]
+            found += [_unless_shape(dent, part, skin, settings) for dent in dents]
     placed = with_clearances([_moved(dent, lattice.origin) for dent in found])
     dents = sorted((d for d in placed if d.kind == 'dent'), key=lambda d: -d.depth.value)
     others = tuple(dent for dent in placed if dent.kind != 'dent')
     return Inspection(tuple(dents), others, tuple(wavy), deviation, noise, findable)
 
 
-def _unless_shape(dent: MeasuredDent, settings: SmallestDent) -> MeasuredDent:
-    """A place on a skin that no contour meets: in doubt where it is as long as waves are."""
-    if dent.length.value < CUTOFF * settings.smallest_width:
+def _unless_shape(
+    dent: MeasuredDent, part: Segment, skin: Skin, settings: SmallestDent
+) -> MeasuredDent:
+    """A dent; in doubt where it is as long as waves are on a skin that no contour meets.
+
+    What a relief explains is known within it, but not beyond the rim.
+    """
+    is_known = part.is_met or (skin.relief is not None and not dent.is_cut)
+    if is_known or dent.length.value < CUTOFF * settings.smallest_width:
         return dent
     return replace(dent, kind='other', reason=_SHAPE)
 

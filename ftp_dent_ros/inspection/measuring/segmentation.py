@@ -190,15 +190,14 @@ class _Split:
         wanted = least * height + tolerance - SURE * self._finest
         if border.any() and np.quantile(steepest[border], share) < wanted:
             return None
-        # On most of it one plane lies beside the contour.
+        # On most of it one plane lies beside the contour but for noise: crests are round.
         rows, columns = np.nonzero(core)
         terms = np.stack([np.ones(len(rows)), rows, columns]).astype(float)
         left = np.abs(deviation[core] - fitted(terms, deviation[core]) @ terms)
-        tolerance = max(tolerance, height / 10)
-        if np.median(left) > tolerance:
+        if np.median(left) > max(tolerance / SURE, height / 10):
             return None
         agreed = np.zeros_like(core)
-        agreed[core] = left < 3 * tolerance
+        agreed[core] = left < 3 * max(tolerance, height / 10)
         return agreed
 
     def with_islands(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.contour import Contour, refined
 from ftp_dent_ros.inspection.measuring.gaps import filled
-from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, WIDE, Lattice
+from ftp_dent_ros.inspection.measuring.lattice import LEAST, WIDE, Lattice
 from ftp_dent_ros.inspection.measuring.noise import (
     SURE,
     Map,
@@ -29,6 +29,9 @@ from ftp_dent_ros.robust import deviation as spread_of
 # Gaussians that dents are looked for with, in smallest widths at 10 % of the depth: a fifth is a
 # half narrower than the smallest dent's own, and one is four times as wide.
 _SCALES = 0.2, 0.5, 1.0
+# Of what strays after a mean over half of the smallest width, a relief leaves this of noise and
+# waves of twice its variance; of noise alone 0.7.
+_LEFT = 0.4
 # Squares that a contour is fitted to.
 _FEWEST = 30
 
@@ -70,7 +73,8 @@ class Skin:
 
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
-        wavy = 0.0 if self.relief is None else self.relief.uncertainty(width)
+        # What is left out of the waves is wider than a dent by its surroundings.
+        wavy = 0.0 if self.relief is None else self.relief.uncertainty(width + self.relief.hole)
         return math.hypot(self.contour.uncertainty(x, y), wavy)
 
 
@@ -95,17 +99,21 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
         bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
-    # Waves that may feign a part of the smallest dent matter. And where no contour is met, what
-    # is wide is as likely the skin's own shape as a dent.
-    if not part.is_met or SURE * skin.noise.common[-1] > LEVEL * settings.smallest_depth:
-        # Crests of waves stray from the contour as dents do: weights keep them in the relief.
-        seen, deviation = usable & np.isfinite(skin.deviation), skin.deviation
-        relief = relief_of(deviation, seen, lattice, settings.smallest_width)
-        if relief is not None:
-            bare = seen & ~_off(about(contour, relief, usable), lattice, settings)
-            relief = relief_of(deviation, bare, lattice, settings.smallest_width)
-            skin = about(contour, relief, bare)
-    return skin
+    # Waves that may feign what a mean has of the smallest dent matter, if they stray more than
+    # noise, of which half as wide a mean has twice as much. And where no contour is met, what is
+    # wide is as likely the skin's own shape as a dent.
+    half, wide = (float(np.median(skin.noise.after(scale))) for scale in scales[1:])
+    if part.is_met and wide < max(half / math.sqrt(2), LEAST * settings.smallest_depth / SURE):
+        return skin
+    # Crests of waves stray from the contour as dents do: weights keep them in the relief.
+    bare = seen = usable & np.isfinite(skin.deviation)
+    for _ in range(2):
+        relief = relief_of(skin.deviation, bare, lattice, settings.smallest_width)
+        wavy = about(contour, relief, bare)
+        if np.median(wavy.noise.after(scales[1])) > _LEFT * half:
+            return skin
+        bare = seen & ~_off(wavy, lattice, settings)
+    return wavy
 
 
 def _off(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Mask:

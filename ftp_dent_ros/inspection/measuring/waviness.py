@@ -22,10 +22,8 @@ CUTOFF = 6.0
 _GRID = 2.0
 # Steps towards the fixed point between new weights.
 _TURNS = 10
-# A relief leaves less than this part of what it explains.
-_LEFT = 0.5
 #: Smallest widths about a dent within which its edge runs out. Holes that show a fit's error are
-# so wide to each side: narrower ones would show noise.
+# so wide to each side.
 AROUND = 1.5
 
 Field = NDArray[np.float64]
@@ -60,8 +58,8 @@ class Relief:
         return min(self.under_hole * (width / self.hole) ** 2, self.amplitude)
 
 
-def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> Relief | None:
-    """Smooth surface through the bare skin's deviations; None if it does not explain them.
+def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> Relief:
+    """Smooth surface through the bare skin's deviations.
 
     The smoothest one in the sense of a bent plate, whose weights leave dents out: a penalised
     least-squares fit by the discrete cosine transform (Garcia, Comput. Stat. Data Anal. 54,
@@ -79,10 +77,6 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
     """
     fit = _Plate(deviation, bare, lattice, smallest)
     smooth = fit.through(fit.weight)
-    sure = fit.weight > 0.9
-    left, before = np.abs(fit.values - smooth)[sure], np.abs(fit.values)[sure]
-    if not len(left) or median_of(left) > _LEFT * median_of(before):
-        return None
     # At the cutoff the fit leaves half of a wave, and takes half of that when it is fitted again.
     again = fit.passed(smooth)
     again += fit.passed(smooth - again)
@@ -92,7 +86,7 @@ def relief_of(deviation: Map, bare: Mask, lattice: Lattice, smallest: float) -> 
     )
     amplitude = math.sqrt(2) * float(fine[np.isfinite(deviation)].std())
     hole = 2 * AROUND * smallest
-    return Relief(fine, lacks, amplitude, fit.error_under(hole), hole)
+    return Relief(fine, lacks, amplitude, fit.error_under(hole, smooth), hole)
 
 
 class _Plate:
@@ -124,8 +118,8 @@ class _Plate:
         smooth = self._fitted(self.values, weight)
         return smooth + self._fitted(self.values - smooth, weight)
 
-    def error_under(self, hole: float) -> float:
-        """How far a fit is off in the middle of holes cut where the skin is bare, metres."""
+    def error_under(self, hole: float, smooth: Field) -> float:
+        """How far off a fit is in the middle of holes cut where the skin is bare, metres."""
         y, x = (
             step * (np.arange(n) + 0.5)
             for step, n in zip(self._spacing[::-1], self.values.shape, strict=True)
@@ -137,7 +131,8 @@ class _Plate:
         middle = (distance <= math.hypot(*self._spacing) / 2) & (self.weight > 0.9)
         if not middle.any():
             return math.inf
-        missed = self.through(np.where(distance < hole / 2, 0.0, self.weight)) - self.values
+        # Against the fit without holes: the noise of one cell is no error of a fit.
+        missed = self.through(np.where(distance < hole / 2, 0.0, self.weight)) - smooth
         return NORMAL_SPREAD * float(np.median(np.abs(missed[middle])))
 
     def _fitted(self, values: Field, weight: Field) -> Field:
