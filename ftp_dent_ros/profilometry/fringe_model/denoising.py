@@ -100,8 +100,8 @@ def denoise(
         lost = mean.of(taken * detail * detail, width)
         lost = np.where(lost > _STRAYS * taken * noise, lost - taken * noise, 0)
         variance += gain * gain * part + lost  # eq. 10
-    # Windows miss as much of dents three fringes wide.
-    variance = variance + signal
+    # Windows miss as much of dents three fringes wide as the finest octave shows.
+    variance = variance + coarser
     return Denoised(kept, variance + beyond, gain, whole + beyond)
 
 
@@ -137,7 +137,9 @@ def _shown(mean: _Means, octave: int, change: NDArray[np.float32]) -> NDArray[np
         return mean.variance(change - mean.flat_top(change, width), _AVERAGED * width)
     before = mean.of(change, 0, width / 2)
     both = before, mean.of(before, 0, width)
-    fine = (mean.variance(x - mean.of(x, width / 2, 0), _AVERAGED * width) for x in both)
+    # What is measured lies in the octave before: as many windows of that count.
+    over = _AVERAGED * width / 2
+    fine = (mean.variance(x - mean.of(x, width / 2, 0), over) for x in both)
     return _white_noise().of_fine(octave, *fine)
 
 
