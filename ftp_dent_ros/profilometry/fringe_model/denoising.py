@@ -82,6 +82,8 @@ def denoise(
     mean, white = _Means(grid, weight), _white_noise()
     noises = _noises(mean, changes, ratios, posterior)
     beyond = white.beyond * noises[-1] / mean.share(WIDTH * 2 ** (_OCTAVES - 1))
+    # In gaps the phase is what is around them.
+    phase = np.where(weight > 0, phase, mean.of(phase, WIDTH))
     details, kept = _octaves(mean, phase)
     variance, whole, coarser = (np.zeros_like(phase) for _ in range(3))
     for octave in reversed(range(_OCTAVES)):
@@ -116,30 +118,37 @@ def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray
 
 
 def _noises(mean: _Means, changes, ratios, posterior) -> list[NDArray[np.float32]]:
-    """Energy of the phase's noise in the octaves, by changes of contrast and amplitude (eq. 8)."""
+    """Energy of the phase's noise in the octaves, by changes of contrast and amplitude (eq. 8).
+
+    How noise goes with the light is known: it is measured over the posterior.
+    """
     noises: list[NDArray[np.float32]] = []
     for octave, energy in enumerate(_white_noise().energy):
-        shown = (r * _shown(mean, octave, x) for r, x in zip(ratios, changes, strict=True))
-        noises.append(np.maximum(np.minimum(*shown), energy * posterior))
+        usual = np.maximum(mean.of(posterior, WIDTH * 2**octave), np.finfo(np.float32).tiny)
+        unit = np.sqrt(usual)
+        shown = (r * _shown(mean, octave, x, unit) for r, x in zip(ratios, changes, strict=True))
+        noises.append(np.maximum(np.minimum(*shown) * usual, energy * posterior))
         if octave:
             changes = [mean.flat_top(each, WIDTH * 2 ** (octave - 1)) for each in changes]
     return noises
 
 
-def _shown(mean: _Means, octave: int, change: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Energy of an octave's noise in a change without what is finer than the octave before.
+def _shown(
+    mean: _Means, octave: int, change: NDArray[np.float32], unit: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Energy of an octave's noise, in units, in a change without what is finer than the one before.
 
     Dirt is white along u from one octave to the next, trends of light are not: each octave but
     the finest follows from the one before along u.
     """
     width = WIDTH * 2**octave
     if not octave:
-        return mean.variance(change - mean.flat_top(change, width), _AVERAGED * width)
+        return mean.variance((change - mean.flat_top(change, width)) / unit, _AVERAGED * width)
     before = mean.of(change, 0, width / 2)
     both = before, mean.of(before, 0, width)
     # What is measured lies in the octave before: as many windows of that count.
     over = _AVERAGED * width / 2
-    fine = (mean.variance(x - mean.of(x, width / 2, 0), over) for x in both)
+    fine = (mean.variance((x - mean.of(x, width / 2, 0)) / unit, over) for x in both)
     return _white_noise().of_fine(octave, *fine)
 
 

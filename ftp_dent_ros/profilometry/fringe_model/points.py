@@ -34,6 +34,9 @@ _CHANCE = 2.0
 _DEVIATION = DEVIATION / 2
 # Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
 _FAINTER = 0.6
+# Gain of the finest octave below which skin is known in a gap, and nodes across two windows: a gap
+# between them is filled by both.
+_SHAPELESS, _ACROSS = 0.5, np.ones((5, 5), np.uint8)
 # Rows and columns of nodes at the rim into which light from beside the surface reaches.
 _BOTH = 1, 2
 
@@ -120,11 +123,10 @@ class Points:
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
-        known = Nearest(certain)
+        known, on_surface = Nearest(certain), Nearest(surface)
         at_nodes = smooth + known(denoised.phase)
         # What is finer than the nodes is as good as the finest octave.
-        on_surface = Nearest(inside)
-        finest = grid.at_bins(np.clip(on_surface(denoised.finest), 0, 1))
+        finest = grid.at_bins(np.clip(Nearest(inside)(denoised.finest), 0, 1) * (inside | ~surface))
         away, coarse = (
             grid.at_bins(deconvolved(on_surface(each), grid.node, 1))
             for each in (denoised.phase, coarse)
@@ -133,12 +135,13 @@ class Points:
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
         slope = self._nodes.per_radian(at_nodes)
         deviations = [slope * np.sqrt(known(each)) for each in (variance, noise)]
-        self._keep(inside, certain, quadric, phase, at_nodes, deviations)
+        plain = surface & ~rim & (denoised.finest < _SHAPELESS)
+        self._keep(inside, certain, plain, quadric, phase, at_nodes, deviations)
 
-    def _keep(self, inside, certain, quadric, phase, at_nodes, deviations) -> None:
+    def _keep(self, inside, certain, plain, quadric, phase, at_nodes, deviations) -> None:
         """Keep what is certain enough, and lit by the panel."""
         grid, (deviation, noise) = self._grid, deviations
-        sure, share, good = self._ends(inside, certain)
+        sure, share, good, gaps = self._ends(inside, certain, plain)
         inverse, _ = self._bins.meet(phase)
         rim = self._nodes.within_panel(at_nodes)
         self.measured |= good & (rim > RIM)
@@ -152,6 +155,8 @@ class Points:
             deconvolved(nearest((each - smooth).astype(np.float32)), grid.step, grid.rows)
             for each in (inverse, self._bins.meet(self._fit.phase)[0])
         )
+        # Nothing in a gap is measured.
+        raw[grid.repeated(gaps)] = np.nan
         self.sheets.append(
             Sheet(
                 quadric,
@@ -167,10 +172,10 @@ class Points:
             )
         )
 
-    def _ends(self, inside, certain):
+    def _ends(self, inside, certain, plain):
         """Nodes inside a surface, the share of its light (eq. 11), and nodes that may have points.
 
-        Beside another surface's fringes, and at small holes, the share tells nothing.
+        And gaps. Beside another surface's fringes, and at small holes, the share tells nothing.
         """
         along_u, along_v = self._grid.fringe
         # A fringe from a surface on the light is another's.
@@ -182,7 +187,9 @@ class Points:
         share = self._share(near, inner)
         sure = inner | (certain & ~at_end)
         lit = near & at_end & (share > SHARE) & (self._seen > _SEEN)
-        return sure, share, sure | lit
+        closed: Any = cv2.morphologyEx(certain.view(np.uint8), cv2.MORPH_CLOSE, _ACROSS)
+        gaps = plain & ~certain & ~others & (closed > 0)
+        return sure | gaps, share, sure | lit | gaps, gaps
 
     def _share(self, near, inner: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Share of the surface's light, led on beyond it, which is there (eq. 11)."""
