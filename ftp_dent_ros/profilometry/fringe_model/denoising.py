@@ -147,7 +147,7 @@ def _shown(
     before = mean.of(change, 0, width / 2)
     both = before, mean.of(before, 0, width)
     # What is measured lies in the octave before: as many windows of that count.
-    over = _AVERAGED * width / 2
+    over = _AVERAGED * width
     fine = (mean.variance((x - mean.of(x, width / 2, 0)) / unit, over) for x in both)
     return _white_noise().of_fine(octave, *fine)
 
