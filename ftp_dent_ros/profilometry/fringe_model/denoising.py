@@ -82,8 +82,6 @@ def denoise(
     mean, white = _Means(grid, weight), _white_noise()
     noises = _noises(mean, changes, ratios, posterior)
     beyond = white.beyond * noises[-1] / mean.share(WIDTH * 2 ** (_OCTAVES - 1))
-    # In gaps the phase is what is around them.
-    phase = np.where(weight > 0, phase, mean.of(phase, WIDTH))
     details, kept = _octaves(mean, phase)
     variance, whole, coarser = (np.zeros_like(phase) for _ in range(3))
     for octave in reversed(range(_OCTAVES)):
@@ -103,8 +101,7 @@ def denoise(
         lost = np.where(lost > _STRAYS * taken * noise, lost - taken * noise, 0)
         variance += gain * gain * part + lost  # eq. 10
     # Windows miss as much of dents three fringes wide as the finest octave shows.
-    variance = variance + coarser
-    return Denoised(kept, variance + beyond, gain, whole + beyond)
+    return Denoised(kept, variance + coarser + beyond, gain, whole + beyond)
 
 
 def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
@@ -120,13 +117,15 @@ def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray
 def _noises(mean: _Means, changes, ratios, posterior) -> list[NDArray[np.float32]]:
     """Energy of the phase's noise in the octaves, by changes of contrast and amplitude (eq. 8).
 
-    How noise goes with the light is known: it is measured over the posterior.
+    It is measured over the posterior, which knows where the light is faint.
     """
     noises: list[NDArray[np.float32]] = []
     for octave, energy in enumerate(_white_noise().energy):
         usual = np.maximum(mean.of(posterior, WIDTH * 2**octave), np.finfo(np.float32).tiny)
-        unit = np.sqrt(usual)
-        shown = (r * _shown(mean, octave, x, unit) for r, x in zip(ratios, changes, strict=True))
+        shown = (
+            r * _shown(mean, octave, x, np.sqrt(usual))
+            for r, x in zip(ratios, changes, strict=True)
+        )
         noises.append(np.maximum(np.minimum(*shown) * usual, energy * posterior))
         if octave:
             changes = [mean.flat_top(each, WIDTH * 2 ** (octave - 1)) for each in changes]
@@ -136,7 +135,7 @@ def _noises(mean: _Means, changes, ratios, posterior) -> list[NDArray[np.float32
 def _shown(
     mean: _Means, octave: int, change: NDArray[np.float32], unit: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Energy of an octave's noise, in units, in a change without what is finer than the one before.
+    """Energy of an octave's noise, in units, in a change without what is finer than that before.
 
     Dirt is white along u from one octave to the next, trends of light are not: each octave but
     the finest follows from the one before along u.
@@ -146,9 +145,7 @@ def _shown(
         return mean.variance((change - mean.flat_top(change, width)) / unit, _AVERAGED * width)
     before = mean.of(change, 0, width / 2)
     both = before, mean.of(before, 0, width)
-    # What is measured lies in the octave before: as many windows of that count.
-    over = _AVERAGED * width
-    fine = (mean.variance((x - mean.of(x, width / 2, 0)) / unit, over) for x in both)
+    fine = (mean.variance((x - mean.of(x, width / 2, 0)) / unit, _AVERAGED * width) for x in both)
     return _white_noise().of_fine(octave, *fine)
 
 
