@@ -191,7 +191,7 @@ class Points:
         sure = inner | (certain & ~at_end)
         lit = near & at_end & (share > SHARE) & (self._seen > _SEEN)
         closed: Any = cv2.morphologyEx(certain.view(np.uint8), cv2.MORPH_CLOSE, _ACROSS)
-        gaps = plain & ~certain & ~others & (closed > 0)
+        gaps = plain & ~certain & ~others & ~at_end & (closed > 0)
         return sure | gaps, share, sure | lit | gaps, gaps
 
     def _share(self, near, inner: NDArray[np.bool_]) -> NDArray[np.float32]:
