@@ -159,6 +159,7 @@ def _before_denoising(
 
     Denoising takes small dents off, so what it took off is put back. Where the noise is
     beyond the range of 95 % of the photograph, as near edges of light, only a part is put back.
+    Points that the photograph does not have, as in gaps, are left out.
     """
     known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
     if not known.any():
@@ -170,9 +171,9 @@ def _before_denoising(
     low, usual = np.quantile(cloud.noise[known], (0.025, 0.5))
     much = np.float32(usual * usual / low)
     share = np.square(much / np.fmax(cloud.noise, much))
-    shift = share * np.where(known, cloud.raw, np.float32(0)) / distance
+    shift = share * cloud.raw / distance
     moved = cv2.multiply(rays, cv2.merge([shift] * 3)) + cloud.points
-    return np.float32(moved), np.where(known, cloud.noise, cloud.sigma)
+    return np.float32(moved), cloud.noise
 
 
 def _stated(values: NDArray, finite: NDArray[np.bool_], block: int) -> NDArray[np.float32] | None:

@@ -100,9 +100,8 @@ def denoise(
         lost = mean.of(taken * detail * detail, width)
         lost = np.where(lost > _STRAYS * taken * noise, lost - taken * noise, 0)
         variance += gain * gain * part + lost  # eq. 10
-    # Windows miss as much of dents three fringes wide.
-    variance = variance + signal
-    return Denoised(kept, variance + beyond, gain, whole + beyond)
+    # Windows miss as much of dents three fringes wide as the finest octave shows.
+    return Denoised(kept, variance + coarser + beyond, gain, whole + beyond)
 
 
 def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray[np.float32]]:
@@ -116,28 +115,37 @@ def _octaves(mean: _Means, low: Any) -> tuple[list[NDArray[np.float32]], NDArray
 
 
 def _noises(mean: _Means, changes, ratios, posterior) -> list[NDArray[np.float32]]:
-    """Energy of the phase's noise in the octaves, by changes of contrast and amplitude (eq. 8)."""
+    """Energy of the phase's noise in the octaves, by changes of contrast and amplitude (eq. 8).
+
+    It is measured over the posterior, which knows where the light is faint.
+    """
     noises: list[NDArray[np.float32]] = []
     for octave, energy in enumerate(_white_noise().energy):
-        shown = (r * _shown(mean, octave, x) for r, x in zip(ratios, changes, strict=True))
-        noises.append(np.maximum(np.minimum(*shown), energy * posterior))
+        usual = np.maximum(mean.of(posterior, WIDTH * 2**octave), np.finfo(np.float32).tiny)
+        shown = (
+            r * _shown(mean, octave, x, np.sqrt(usual))
+            for r, x in zip(ratios, changes, strict=True)
+        )
+        noises.append(np.maximum(np.minimum(*shown) * usual, energy * posterior))
         if octave:
             changes = [mean.flat_top(each, WIDTH * 2 ** (octave - 1)) for each in changes]
     return noises
 
 
-def _shown(mean: _Means, octave: int, change: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Energy of an octave's noise in a change without what is finer than the octave before.
+def _shown(
+    mean: _Means, octave: int, change: NDArray[np.float32], unit: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Energy of an octave's noise, in units, in a change without what is finer than that before.
 
     Dirt is white along u from one octave to the next, trends of light are not: each octave but
     the finest follows from the one before along u.
     """
     width = WIDTH * 2**octave
     if not octave:
-        return mean.variance(change - mean.flat_top(change, width), _AVERAGED * width)
+        return mean.variance((change - mean.flat_top(change, width)) / unit, _AVERAGED * width)
     before = mean.of(change, 0, width / 2)
     both = before, mean.of(before, 0, width)
-    fine = (mean.variance(x - mean.of(x, width / 2, 0), _AVERAGED * width) for x in both)
+    fine = (mean.variance((x - mean.of(x, width / 2, 0)) / unit, _AVERAGED * width) for x in both)
     return _white_noise().of_fine(octave, *fine)
 
 

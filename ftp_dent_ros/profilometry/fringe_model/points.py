@@ -34,6 +34,11 @@ _CHANCE = 2.0
 _DEVIATION = DEVIATION / 2
 # Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
 _FAINTER = 0.6
+# Gain of the finest octave below which skin is known in a gap, and nodes across two windows: a gap
+# between them is filled by both.
+_SHAPELESS, _ACROSS = 0.5, np.ones((5, 5), np.uint8)
+# A node and those beside it.
+_ABOUT = 3, 3
 # Rows and columns of nodes at the rim into which light from beside the surface reaches.
 _BOTH = 1, 2
 
@@ -66,14 +71,14 @@ class Points:
         self._amplitude = amplitude
         share = grid.at_nodes(usable)
         self._usable = share > 0
-        self._seen = _around(share)
-        rest = _around(grid.at_nodes(usable * fit.residual * fit.residual))
+        self._seen: Any = cv2.blur(share, _ABOUT)
+        rest: Any = cv2.blur(grid.at_nodes(usable * fit.residual * fit.residual), _ABOUT)
         rest /= np.maximum(self._seen, np.float32(1e-3))
         scale = np.maximum(fit.scale, np.float32(ROUNDING))
         self._good = (self._seen > _SEEN) & (
             grid.at_nodes(fit.amplitude) > _CHANCE * np.sqrt(scale)
         )
-        beside: Any = cv2.dilate(amplitude, np.ones((3, 3), np.uint8))
+        beside: Any = cv2.dilate(amplitude, np.ones(_ABOUT, np.uint8))
         self._whole = amplitude > _FAINTER * beside
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
         self._unexplained = 2 * unusual / np.square(np.maximum(amplitude, 1))
@@ -120,10 +125,9 @@ class Points:
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
-        known = Nearest(certain)
+        known, on_surface = Nearest(certain), Nearest(inside)
         at_nodes = smooth + known(denoised.phase)
         # What is finer than the nodes is as good as the finest octave.
-        on_surface = Nearest(inside)
         finest = grid.at_bins(np.clip(on_surface(denoised.finest), 0, 1))
         away, coarse = (
             grid.at_bins(deconvolved(on_surface(each), grid.node, 1))
@@ -133,12 +137,13 @@ class Points:
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
         slope = self._nodes.per_radian(at_nodes)
         deviations = [slope * np.sqrt(known(each)) for each in (variance, noise)]
-        self._keep(inside, certain, quadric, phase, at_nodes, deviations)
+        ends = self._ends(inside, certain, surface & ~rim & (denoised.finest < _SHAPELESS))
+        self._keep(certain, ends, quadric, phase, at_nodes, deviations)
 
-    def _keep(self, inside, certain, quadric, phase, at_nodes, deviations) -> None:
+    def _keep(self, certain, ends, quadric, phase, at_nodes, deviations) -> None:
         """Keep what is certain enough, and lit by the panel."""
         grid, (deviation, noise) = self._grid, deviations
-        sure, share, good = self._ends(inside, certain)
+        sure, share, good, gaps = ends
         inverse, _ = self._bins.meet(phase)
         rim = self._nodes.within_panel(at_nodes)
         self.measured |= good & (rim > RIM)
@@ -152,6 +157,8 @@ class Points:
             deconvolved(nearest((each - smooth).astype(np.float32)), grid.step, grid.rows)
             for each in (inverse, self._bins.meet(self._fit.phase)[0])
         )
+        # In a gap the photograph shows nothing.
+        raw[grid.repeated(gaps)] = np.nan
         self.sheets.append(
             Sheet(
                 quadric,
@@ -167,10 +174,11 @@ class Points:
             )
         )
 
-    def _ends(self, inside, certain):
-        """Nodes inside a surface, the share of its light (eq. 11), and nodes that may have points.
+    def _ends(self, inside, certain, plain):
+        """Nodes inside a surface, the share of its light (eq. 11), nodes with points, and gaps.
 
-        Beside another surface's fringes, and at small holes, the share tells nothing.
+        Beside another surface's fringes, and at small holes, the share tells nothing. Gaps that
+        are narrower than two windows, in `plain` skin, have points, too.
         """
         along_u, along_v = self._grid.fringe
         # A fringe from a surface on the light is another's.
@@ -182,13 +190,13 @@ class Points:
         share = self._share(near, inner)
         sure = inner | (certain & ~at_end)
         lit = near & at_end & (share > SHARE) & (self._seen > _SEEN)
-        return sure, share, sure | lit
+        closed: Any = cv2.morphologyEx(certain.view(np.uint8), cv2.MORPH_CLOSE, _ACROSS)
+        gaps = plain & ~certain & ~others & ~at_end & (closed > 0)
+        return sure | gaps, share, sure | lit | gaps, gaps
 
     def _share(self, near, inner: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Share of the surface's light, led on beyond it, which is there (eq. 11)."""
         grid, fit = self._grid, self._fit
-        if near.all():
-            return np.zeros(grid.node_shape, np.float32)
         from_inside = Nearest(inner)
         level, amplitude = (
             grid.at_bins(from_inside(grid.at_nodes(x))) for x in (fit.level, fit.amplitude)
@@ -198,8 +206,3 @@ class Points:
         here = grid.at_nodes((self._light - beyond) * np.sign(surface))
         share = here / np.maximum(grid.at_nodes(np.abs(surface)), 1)
         return np.minimum(share, 1 / np.maximum(share, np.float32(1e-3)))  # more is another's
-
-
-def _around(nodes: NDArray[np.float32]) -> NDArray[Any]:
-    """Means over a node and those beside it."""
-    return cv2.blur(nodes, (3, 3))
