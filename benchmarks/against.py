@@ -41,12 +41,15 @@ class Meaning:
         Of that: what is worse by less is nothing.
     scale : float
         From the figure to the page.
+    middle : callable
+        Of a group's rows: their mean, or the median of medians.
     """
 
     label: str
     bad: Callable[[NDArray], NDArray]
     trifle: float = 0.0
     scale: float = 1.0
+    middle: Callable[[list[float]], Any] = np.mean
 
 
 def _more(values: NDArray) -> NDArray:
@@ -85,7 +88,9 @@ FIGURES = {
     'findable_missed': Meaning('findable: not listed, %', _less, 0.0, 100),
     'false': Meaning('false', _less),
     'doubtful': Meaning('in doubt', _less),
-    'depth_off': Meaning('depth off, %', _less, 0.002, 100),
+    'depth_off': Meaning('depth off, %', _less, 0.002, 100, np.median),
+    'length_off': Meaning('length off, %', _less, 0.002, 100, np.median),
+    'width_off': Meaning('width off, %', _less, 0.002, 100, np.median),
     'depth_over_u': Meaning('depth / u', _up_to_one, 0.05),
     'length_over_u': Meaning('length / u', _up_to_one, 0.05),
     'width_over_u': Meaning('width / u', _up_to_one, 0.05),
@@ -153,17 +158,17 @@ def with_means(rows: Rows) -> Rows:
         names = sorted({name for figures in members for name in figures})
         if len(members) > 1:
             means[f'{group}/{ALL}/{way}'] = {
-                name: _mean([figures[name] for figures in members if name in figures])
+                name: _middle(name, [figures[name] for figures in members if name in figures])
                 for name in names
             }
     return rows | means
 
 
-def _mean(draws: list[list[float | None]]) -> list[float | None]:
-    """Over rows, draw by draw."""
+def _middle(name: str, draws: list[list[float | None]]) -> list[float | None]:
+    """Of a figure over rows, draw by draw."""
     count = min(map(len, draws))
     columns = ([each[i] for each in draws if each[i] is not None] for i in range(count))
-    return [float(np.mean(column)) if column else None for column in columns]
+    return [float(FIGURES[name].middle(column)) if column else None for column in columns]
 
 
 def worse(now: Run, before: Run) -> list[Worse]:

@@ -189,16 +189,17 @@ def of_dents(
         names = 'findable_listed', 'findable_doubted', 'findable_missed'
         figures |= {n: s / len(findable) for n, s in zip(names, shares, strict=True)}
     matched = [(listed[j], true[i]) for i, j in dents.items()]
-    if matched:
-        off = [abs(m.depth.value / t.depth - 1) for m, t in matched]
-        figures['depth_off'] = float(np.median(off))
     for name in SIZES:
-        ratios = [
-            (getattr(m, name).value - getattr(t, name)) / getattr(m, name).uncertainty
+        sizes = [
+            (getattr(m, name), getattr(t, name))
             for m, t in matched
             if name == 'depth' or not m.is_cut
         ]
-        figures[f'{name}_over_u'] = root_mean_square(ratios)
+        over = [(measured.value - true) / measured.uncertainty for measured, true in sizes]
+        figures[f'{name}_over_u'] = root_mean_square(over)
+        if sizes:
+            off = [abs(measured.value / true - 1) for measured, true in sizes]
+            figures[f'{name}_off'] = float(np.median(off))
     return figures
 
 

@@ -38,7 +38,8 @@ class Cloud:
         From each point along its ray, away from the camera, to where it lay before it was
         denoised, metres, and the standard deviation of that place by noise alone. Denoising
         takes small dents off with the noise, and makes others shallower and wider: a dent is
-        looked for in what was there before. NaN where they are not known; all NaN if not given.
+        looked for in what was there before. NaN where they are not known, as in a gap, whose
+        points are taken from its rim; all NaN if not given.
     skin : ndarray, shape (rows, columns), uint8
         Its light without the fringes, as an image; 0 where it is not known, all 0 if not given.
     """
