@@ -13,7 +13,7 @@ _HEAD = """\
 # What it measures
 
 `make figures` writes this page: do not edit. Values are means of so many draws, ± their standard
-deviation; `all` is the mean of a table's rows. Everything is simulated but what is `given`, which
+deviation; `all` is the mean of a table's rows, or of what is off the median. Everything is simulated but what is `given`, which
 was made elsewhere: `eval` by another renderer, `real` with a camera.
 
 - Coverage: of the lit skin. MAE, and what 95 % of the errors are below: along the rays.
@@ -25,7 +25,7 @@ was made elsewhere: `eval` by another renderer, `real` with a camera.
   as anything else, or not at all. Two dents without a saddle of
   a tenth of the lesser depth between them are one, as deep, long and wide as their sum.
 - False: dents, bumps, creases and gouges in a photograph where there is none; in doubt: what else
-  is listed there. Depth off: the median error over the depth.
+  is listed there. Depth, length, width off: the median error over the true one.
 - / u: root mean square of errors over their stated uncertainty.
 - Refused: part of the draws that give no result.
 - `stripe` and `contrast` are the patterns; `virtual-reference` is the paper's method.

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 from scipy.ndimage import map_coordinates
 from small_scenes import DENT, DEPTH, PATTERN, RIG, Scene, panel
 
