@@ -21,7 +21,7 @@ from ftp_dent_ros.profilometry.fringe_model.denoising import denoise
 from ftp_dent_ros.profilometry.fringe_model.pixels import RIM, SHARE, Sheet
 from ftp_dent_ros.profilometry.fringe_model.quadric import quadric_through
 from ftp_dent_ros.profilometry.fringe_model.solver import FringeFit
-from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAST_NODES
+from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, LEAP, LEAST_NODES
 
 # Mean square of the residual about a node over its scale, from which on it makes the phase less
 # certain.
@@ -34,8 +34,8 @@ _CHANCE = 2.0
 _DEVIATION = DEVIATION / 2
 # Amplitude over the strongest beside, below which a node is at a rim, half of it dark.
 _FAINTER = 0.6
-# Gain of the finest octave below which skin is known in a gap, and nodes across two windows: a gap
-# between them is filled by both.
+# Gain of the finest octave below which skin is as its surroundings in a gap; and nodes across two
+# windows, one at each side of a gap.
 _SHAPELESS, _ACROSS = 0.5, np.ones((5, 5), np.uint8)
 # A node and those beside it.
 _ABOUT = 3, 3
@@ -125,6 +125,7 @@ class Points:
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
+        plain = (denoised.finest < _SHAPELESS) & (np.abs(coarse - denoised.phase) < LEAP)
         known, on_surface = Nearest(certain), Nearest(inside)
         at_nodes = smooth + known(denoised.phase)
         # What is finer than the nodes is as good as the finest octave.
@@ -137,8 +138,14 @@ class Points:
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
         slope = self._nodes.per_radian(at_nodes)
         deviations = [slope * np.sqrt(known(each)) for each in (variance, noise)]
-        ends = self._ends(inside, certain, surface & ~rim & (denoised.finest < _SHAPELESS))
-        self._keep(certain, ends, quadric, phase, at_nodes, deviations)
+        self._keep(
+            certain,
+            self._ends(inside, certain, surface & ~rim & plain),
+            quadric,
+            phase,
+            at_nodes,
+            deviations,
+        )
 
     def _keep(self, certain, ends, quadric, phase, at_nodes, deviations) -> None:
         """Keep what is certain enough, and lit by the panel."""
@@ -157,7 +164,7 @@ class Points:
             deconvolved(nearest((each - smooth).astype(np.float32)), grid.step, grid.rows)
             for each in (inverse, self._bins.meet(self._fit.phase)[0])
         )
-        # In a gap the photograph shows nothing.
+        # In a gap nothing is measured.
         raw[grid.repeated(gaps)] = np.nan
         self.sheets.append(
             Sheet(
