@@ -9,6 +9,7 @@ import pytest
 from small_scenes import DEPTH, PATTERN, RIG, Scene, panel
 
 from ftp_dent_ros.errors import NoStripeError, TooDarkError
+from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.profilometry import Reconstructor
 from ftp_dent_ros.simulation import Dent, Dirt, Paint, Surface
 from ftp_dent_ros.simulation.dents import Gaussian
@@ -118,6 +119,21 @@ def test_points_before_denoising_stray_as_is_stated(code, light, paint, most):
     strays = seen.surface.distance(before) / cloud.noise[cloud.valid]
     # At the rim, where windows are cut, less than is stated.
     assert 0.75 < strays.std() < most
+
+
+def test_skin_under_a_narrow_line_is_that_around_and_is_not_inspected():
+    seen = Scene.of(panel(dents=()))
+    v, u = np.indices(seen.image.shape[:2])
+    line = np.abs((u + 0.3 * v) % 160 - 80) < 1.5
+    image = np.where(line[..., None], seen.image // 10, seen.image)
+    cloud = Reconstructor(RIG, PATTERN).reconstruct(image)
+    gap = cloud.valid & np.isnan(cloud.raw)
+    assert gap.sum() > 300
+    over = seen.surface.distance(cloud.points[gap]) / cloud.sigma[gap]
+    assert np.sqrt(np.square(over).mean()) < 2
+    found = inspect(cloud)
+    assert np.isnan(found.deviation[gap]).all()
+    assert not found.dents
 
 
 def test_the_same_photograph_gives_the_same_bits(scene):

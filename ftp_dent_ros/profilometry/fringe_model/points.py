@@ -125,7 +125,8 @@ class Points:
         self.surfaces.append((smooth + denoised.phase, certain))
         if not certain.any():
             return
-        plain = (denoised.finest < _SHAPELESS) & (np.abs(coarse - denoised.phase) < LEAP)
+        off = np.square(coarse - denoised.phase)
+        plain = surface & ~rim & (denoised.finest < _SHAPELESS) & (off < LEAP**2)
         known, on_surface = Nearest(certain), Nearest(inside)
         at_nodes = smooth + known(denoised.phase)
         # What is finer than the nodes is as good as the finest octave.
@@ -136,11 +137,13 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        slope = self._nodes.per_radian(at_nodes)
-        deviations = [slope * np.sqrt(known(each)) for each in (variance, noise)]
+        # In a gap the fit's own phase shows how far off this one may be.
+        deviations = self._nodes.per_radian(at_nodes) * np.sqrt(
+            [known(variance) + off * (plain & ~certain), known(noise)]
+        )
         self._keep(
             certain,
-            self._ends(inside, certain, surface & ~rim & plain),
+            self._ends(inside, certain, plain),
             quadric,
             phase,
             at_nodes,
