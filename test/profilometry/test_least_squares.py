@@ -202,7 +202,6 @@ def test_the_rim_is_kept_in_ambient_light(case):
 FAINT = pytest.mark.xfail(
     strict=True, reason='in the dent 1.4 to 1.6 sigma: fine detail is taken for noise'
 )
-OVERSTATED = pytest.mark.xfail(reason='0.548 sigma beside the dent with OpenCV 4.6')
 
 
 @pytest.mark.parametrize(
@@ -210,7 +209,7 @@ OVERSTATED = pytest.mark.xfail(reason='0.548 sigma beside the dent with OpenCV 4
     [
         pytest.param('speckle', marks=FAINT),
         pytest.param('ambient', marks=FAINT),
-        pytest.param('gamma', marks=OVERSTATED),
+        'gamma',
         'moving',
     ],
 )
