@@ -135,10 +135,11 @@ def _noises(mean: _Means, changes, ratios, posterior) -> list[NDArray[np.float32
 def _shown(
     mean: _Means, octave: int, change: NDArray[np.float32], unit: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Energy of an octave's noise, in units, in a change without what is finer than that before.
+    """Energy of an octave's noise over the square of a unit, in a change.
 
-    Dirt is white along u from one octave to the next, trends of light are not: each octave but
-    the finest follows from the one before along u.
+    The change is without what is finer than the octave before. Dirt is white along u from one
+    octave to the next, trends of light are not: each octave but the finest follows from the one
+    before along u.
     """
     width = WIDTH * 2**octave
     if not octave:

@@ -137,7 +137,7 @@ class Points:
         )
         smooth = self._bins.phase(quadric.at(*grid.bin_places))
         phase = smooth + away + finest * (fit.phase - smooth - coarse)
-        # In a gap the fit's own phase shows how far off this one may be.
+        # In a gap the fit's own phase shows how far off that of the rim may be.
         deviations = self._nodes.per_radian(at_nodes) * np.sqrt(
             [known(variance) + off * (plain & ~certain), known(noise)]
         )
