@@ -13,8 +13,8 @@ _HEAD = """\
 # What it measures
 
 `make figures` writes this page: do not edit. Values are means of so many draws, ± their standard
-deviation; `all` is the mean of a table's rows, or of what is off the median. All is simulated but
-what is `given`, which was made elsewhere: `eval` by another renderer, `real` with a camera.
+deviation; `all` is the mean of a table's rows, and of "off" their median. Everything is simulated
+but what is `given`, which was made elsewhere: `eval` by another renderer, `real` with a camera.
 
 - Coverage: of the lit skin. MAE, and what 95 % of the errors are below: along the rays.
 - Error / sigma: root mean square of the points' errors over their stated uncertainty. Rms less:

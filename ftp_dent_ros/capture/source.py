@@ -259,7 +259,7 @@ class RenderedSource(PacedSource):
     Raises
     ------
     ConfigurationError
-        There is none, or no rate.
+        The folder has no photographs, or the rate is not above 0.
     """
 
     def __init__(
@@ -268,8 +268,8 @@ class RenderedSource(PacedSource):
         self._paths = sorted(folder.glob('*.npz'))
         if not self._paths or rate <= 0:
             raise ConfigurationError(
-                f'{folder}: what is rendered ahead are files NUMBER.npz there, of a rate above 0: '
-                'correct simulation.ahead or rate'
+                f'{folder}: photographs that were rendered ahead are files NUMBER.npz there, and '
+                f'their rate is above 0, not {rate:g}: correct simulation.ahead or rate'
             )
         self._period_ns, self._start_ns, self._now_ns = round(1e9 / rate), start_ns, now_ns
         self._next = 0

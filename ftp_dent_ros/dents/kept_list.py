@@ -19,7 +19,7 @@ from ftp_dent_ros.pose import Pose
 
 # A state of the list is kept before every so many frames: to begin a correction there.
 _EVERY = 8
-# Of the lines of its file.
+# How lines of its file begin.
 _STARTS = b'{"frame_id": ', b'{"corrected": '
 
 
@@ -225,7 +225,7 @@ def _other_frame(what: str, frame_id: str, own: str) -> PoseError:
 def _lines(path: Path) -> Iterator[bytes]:
     """Records of a file, which is made if it is not there; one that a crash cut short is gone.
 
-    But first they have all been taken: a file that is something else is left as it is.
+    That one goes last, so that an error at another record leaves a file of something else alone.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

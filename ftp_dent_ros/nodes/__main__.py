@@ -11,10 +11,7 @@ from typing import Any
 
 from ftp_dent_ros.errors import FtpDentError, missing_package
 from ftp_dent_ros.process import end_within
-from ftp_dent_ros.supervision.processes import ignore_signals, stop_event
-
-# Seconds: a supervisor waits for as long before it insists, see `Processes.stop`.
-_PATIENCE = 5
+from ftp_dent_ros.supervision.processes import PATIENCE, ignore_signals, stop_event
 
 
 def node_class(name: str) -> Any:
@@ -39,13 +36,16 @@ def main() -> int:
         with ExitStack() as held:
             status = _run(ros, held)
         # Fast DDS may hold the interpreter for good as it destroys a participant: its issue 6513.
-        end_within(_PATIENCE, status)
+        end_within(PATIENCE, status)
         ignore_signals()
     return status
 
 
 def _run(ros: ExitStack, held: ExitStack) -> int:
-    """Exit status, once the node is to end: what it held ends first, then ROS."""
+    """Run the node until it is to end, and return the exit status.
+
+    What is to be ended goes on two stacks: what the node holds, and ROS, which ends last.
+    """
     name, stop = Path(sys.argv[0]).name, stop_event()
     try:
         # Only now, for it takes long, and a signal meanwhile is no error.

@@ -21,7 +21,7 @@ Settings = TypeVar('Settings')
 class PayloadNode(Node, Generic[Settings]):
     """A node of the package, with its parameters read and its state on ``/diagnostics``.
 
-    It is named after its module. What `start` raises leaves a node that can be destroyed.
+    It is named after its module. Where `start` fails, the node can still be destroyed.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class PayloadNode(Node, Generic[Settings]):
         return made
 
     def _set_up(self) -> None:
-        """Make what the node is of."""
+        """Make publishers, subscriptions and workers."""
         raise NotImplementedError
 
     def _judge(self) -> Sequence[Verdict]:

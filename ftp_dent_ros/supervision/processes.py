@@ -20,6 +20,8 @@ from ftp_dent_ros.errors import ConfigurationError
 # Of util-linux; it replaces itself by the program. (A preexec_fn is not safe beside threads.)
 _ENDS_WITH_US = ('setpriv', '--pdeathsig', 'TERM', '--') if shutil.which('setpriv') else ()
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Seconds that a program is given to end after each signal.
+PATIENCE = 5
 WRONG_PARAMETERS = 2  # the exit status of a node that cannot use what it was given
 
 
@@ -110,7 +112,7 @@ class Processes(AbstractContextManager['Processes']):
             del self._running[each.program.name]
         return ended
 
-    def stop(self, *names: str, patience: float = 5.0) -> dict[str, int]:
+    def stop(self, *names: str, patience: float = PATIENCE) -> dict[str, int]:
         """Stop some programs, or all: SIGTERM, again SIGTERM, then SIGKILL.
 
         Parameters
@@ -305,7 +307,7 @@ def stop_event() -> threading.Event:
     stop = threading.Event()
 
     def hear(*_: object) -> None:
-        # In a thread, for where the signal comes its lock may be held, by `wait` or by `set`.
+        # In a thread: where the signal comes, `wait` or `set` may hold the event's lock.
         if not stop.is_set():
             threading.Thread(target=stop.set).start()
 

@@ -159,7 +159,7 @@ def _before_denoising(
 
     Denoising takes small dents off, so what it took off is put back. Where the noise is
     beyond the range of 95 % of the photograph, as near edges of light, only a part is put back.
-    Points that the photograph does not have, as in gaps, are left out.
+    Points that have no place before denoising, as in gaps, are left out.
     """
     known = np.isfinite(cloud.raw) & np.isfinite(cloud.noise)
     if not known.any():
