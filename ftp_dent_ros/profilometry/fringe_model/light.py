@@ -35,6 +35,8 @@ class Light:
         Of the colours in the grey light that has the least noise.
     usable : ndarray, shape (rows, columns), float32
         1 where no pixel is clipped, else 0.
+    weight : ndarray, shape (rows, columns), float32
+        Of what is usable: less in dark paint whose albedo is divided out, as its noise is, too.
     has_stripe : bool
         Whether one fringe has red alone.
     """
@@ -42,6 +44,7 @@ class Light:
     colours: list[NDArray[np.float32]]
     shares: tuple[float, ...]
     usable: NDArray[np.float32]
+    weight: NDArray[np.float32]
     has_stripe: bool
 
     @classmethod
@@ -67,7 +70,11 @@ class Light:
         if photograph.highest > full:
             clipped = np.maximum.reduce(planes) > full
             usable = (grid.binned(clipped.astype(np.uint8)) < _FEW).astype(np.float32)
-        return cls(colours, shares if len(planes) > 1 else (1.0,), usable, has_stripe)
+        weight = usable
+        if albedo is not None:
+            bins = grid.binned(albedo)
+            weight = usable * np.square(bins / bins.max())
+        return cls(colours, shares if len(planes) > 1 else (1.0,), usable, weight, has_stripe)
 
     @property
     def unbroken(self) -> NDArray[np.float32]:

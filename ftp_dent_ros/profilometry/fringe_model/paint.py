@@ -18,7 +18,7 @@ from scipy.fft import dctn, idctn
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, ROWS, WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROWS, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, FAINTEST, Start
 from ftp_dent_ros.robust import deviation
@@ -42,7 +42,7 @@ def divide_paint(
     start: Start,
     fit: Callable[[Light], Start],
 ) -> tuple[Light, Start]:
-    """Divide the albedo out of the light, as often as the phase gets surer by that.
+    """Divide the albedo out of the light, each time with the phase of the last.
 
     Parameters
     ----------
@@ -52,8 +52,7 @@ def divide_paint(
     Returns
     -------
     light : Light
-        That of skin of the mean albedo; the given one unless edges of paint lie within half a
-        fringe of most of it.
+        That of skin of the mean albedo; the given one unless edges of paint lie in most windows.
     start : Start
         The first fit to it.
     """
@@ -73,17 +72,8 @@ def divide_paint(
         paint = _integral([_leaps(fringes, axis, edges[1 - axis]) for axis in (1, 0)])
         paint -= paint[inside].mean()
         shown = Light.of(photograph, grid, light.has_stripe, cells.at_pixels(np.exp(paint)))
-        found = fit(shown)
-        if _doubt(found, lit) > _doubt(start, lit):
-            break
-        light, start = shown, found
+        light, start = shown, fit(shown)
     return light, start
-
-
-def _doubt(start: Start, lit: NDArray[np.bool_]) -> float:
-    """Mean logarithm of the phase's variance, but for a constant."""
-    rest, swing = np.maximum(start.own.rest, ROUNDING), np.maximum(start.own.swing, FAINTEST)
-    return float(np.log(rest / np.square(swing))[lit].mean())
 
 
 def _in_cells(grid: BinGrid, cells: BinGrid, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -115,7 +105,7 @@ class _Fringes:
         box = np.ones(cells.half_fringe[::-1], np.uint8)
         about = cv2.dilate(light, box) - cv2.erode(light, box)
         level, swing = (
-            grid.smooth_nodes(each, 2 * WIDTH) for each in (start.own.level, start.own.swing)
+            grid.smooth_nodes(each, 2 * WIDTH) for each in (start.level, start.amplitude)
         )
         level = np.maximum(level, 2 * FAINTEST)
         contrast = np.minimum(swing, level - FAINTEST) / level
@@ -168,12 +158,12 @@ def _neighbours(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[
 def _lie_in_most_windows(
     cells: BinGrid, edges: list[NDArray[np.bool_]], inside: NDArray[np.bool_]
 ) -> bool:
-    """Whether edges are within half a fringe of most cells."""
+    """Whether most cells lie in windows of edges: within two of their deviations."""
     either = np.zeros(inside.shape, np.uint8)
     across, down = edges
     either[:, 1:] |= across
     either[1:] |= down
-    high, wide = (2 * math.ceil(n * WIDTH) + 1 for n in cells.fringe[::-1])
+    high, wide = (2 * math.ceil(2 * n * WIDTH) + 1 for n in cells.fringe[::-1])
     near = cv2.dilate(either, np.ones((high, wide), np.uint8)) > 0
     return 2 * np.count_nonzero(near & inside) > np.count_nonzero(inside)
 

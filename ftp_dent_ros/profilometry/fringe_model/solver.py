@@ -77,14 +77,18 @@ class Solver:
     Parameters
     ----------
     grid : BinGrid
-    light, usable : ndarray, shape (rows, columns), float32
-        Of the bins, and what share of it is usable.
+    light, usable, weight : ndarray, shape (rows, columns), float32
+        Of the bins, what share of it is usable, and how much that counts.
     """
 
     def __init__(
-        self, grid: BinGrid, light: NDArray[np.float32], usable: NDArray[np.float32]
+        self,
+        grid: BinGrid,
+        light: NDArray[np.float32],
+        usable: NDArray[np.float32],
+        weight: NDArray[np.float32],
     ) -> None:
-        self.grid, self._light, self._usable = grid, light, usable
+        self.grid, self._light, self._usable, self._weight = grid, light, usable, weight
         self._seen = np.maximum(self._about(usable), 1e-3)
         along_u, along_v = (max(1, round(ASIDE * each)) for each in grid.fringe)
         self._sides = (along_u, 0), (-along_u, 0), (0, along_v), (0, -along_v)
@@ -132,7 +136,7 @@ class Solver:
         numbered = grid.repeated(surfaces.known)
         for _ in range(_LEARNED):
             wave, slope = self._wave(fit, phase)
-            first = Windows(grid, wave, slope, self._usable).fit(light)
+            first = Windows(grid, wave, slope, self._weight).fit(light)
             level, amplitude, shift = (
                 grid.at_bins(each) for each in (first.level, first.amplitude, first.slope)
             )
@@ -149,7 +153,7 @@ class Solver:
         if is_robust:
             in_noise = residual * np.sqrt(weight)
             weight *= _redescending(in_noise, self._limit(in_noise))
-        weight *= self._usable
+        weight *= self._weight
         slope *= fit.amplitude
         windows = Windows(self.grid, wave, slope, weight)
         change = windows.fit(residual)  # eq. 3
@@ -216,7 +220,7 @@ class Solver:
         """The fit with response and noise as every few bins together show them (eqs. 4, 5)."""
         in_noise = residual * np.sqrt(fit.noise.precision(model, fit.level))
         about = self.grid.at_bins(self._scale(residual)), self._limit(in_noise)
-        bins = fit.phase, fit.amplitude, self._usable, numbered, model, residual, in_noise, *about
+        bins = fit.phase, fit.amplitude, self._weight, numbered, model, residual, in_noise, *about
         phase, amplitude, weight, numbered, model, residual, in_noise, scale, limit = (
             each[::_EVERY, ::_EVERY].ravel() for each in bins
         )
@@ -240,8 +244,8 @@ class Solver:
         # What the boxes of bins across an edge hold.
         near = np.flatnonzero(cv2.dilate(across.view(np.uint8), self._box, iterations=2))
         row, column = np.divmod(near, width)
-        across, light, usable = (
-            each.ravel()[near] for each in (across, self._light, self._usable)
+        across, light, weight = (
+            each.ravel()[near] for each in (across, self._light, self._weight)
         )
         ahead, place = reference.ravel()[near], self.grid.across[column]
         rest = self.grid.repeated(rest).ravel()
@@ -250,7 +254,7 @@ class Solver:
 
         def misfit_of(level, amplitude, away, rest):
             wave, _ = fit.waveform.at(ahead + away, place)
-            np.put(misfit, near, usable * np.square(light - level - amplitude * wave))
+            np.put(misfit, near, weight * np.square(light - level - amplitude * wave))
             # Of the boxes that hold a bin the clearest: at an edge that on its side.
             return cv2.erode(self.grid.around(misfit), self._box).ravel()[near] + rest
 

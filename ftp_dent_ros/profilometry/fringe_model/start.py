@@ -144,7 +144,7 @@ def fit_planes(
     away = Nearest(unwrapped.part >= 0)(unwrapped.phase)
     away = np.where(fringes, away + wrap(wrapped - away), away)
     turn = planes[best].at_bins + grid.at_bins(away)
-    windows = Windows(grid, np.cos(turn), -np.sin(turn), usable)
+    windows = Windows(grid, np.cos(turn), -np.sin(turn), light.weight)
     own = windows.fit(fringed)
     own_explained = 1 - own.rest / np.maximum(own.total, np.float32(1e-6))
     surface = _near(unwrapped.part, of(explained), own_explained)
