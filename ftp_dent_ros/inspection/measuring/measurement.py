@@ -19,7 +19,7 @@ from ftp_dent_ros.dents.dent import (
     orientation_of,
 )
 from ftp_dent_ros.inspection.measuring.contour import Contour
-from ftp_dent_ros.inspection.measuring.dent_model import model_axes
+from ftp_dent_ros.inspection.measuring.dent_model import UNKNOWN, model_axes
 from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
 from ftp_dent_ros.inspection.measuring.kinds import kind_of
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
@@ -35,7 +35,6 @@ _LEVELS = 32
 _PROFILE = np.linspace(-0.83, 0.83, 81)
 _OVERLAPS = 'overlaps another one: each is taken to be alike on both sides'
 _SEVERAL = 'may be several: what would part them is hardly more than noise'
-_NAN = Estimate(math.nan, math.nan)
 _NO_PROFILE = np.zeros((0, 2))
 
 Vector = NDArray[np.float64]
@@ -236,11 +235,11 @@ def _unmeasured(
             depth=Estimate(place.sign * depth, depth),
             length=Estimate(length, cell),
             width=Estimate(width, cell),
-            model_length=_NAN,
-            model_width=_NAN,
+            model_length=UNKNOWN,
+            model_width=UNKNOWN,
             orientation=Estimate(orientation_of(normal, axis), math.pi / math.sqrt(12)),
             area=Estimate(np.count_nonzero(own) * math.prod(patch.step), length * cell),
-            volume=_NAN,
+            volume=UNKNOWN,
             bottom_radius=math.nan,
             significance=place.significance,
             is_cut=True,
