@@ -90,19 +90,20 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     means = [smoother(known, lattice.cells(scale)) for scale in scales]
     reach = round(WIDE * settings.smallest_width / max(lattice.spacing))
 
-    def about(contour: Contour, relief: Relief | None, bare: Mask) -> Skin:
-        """What departs from a contour and a relief, and the noise of what is bare."""
+    def about(
+        contour: Contour, relief: Relief | None, bare: Mask, within: float = math.inf
+    ) -> Skin:
+        """What departs from a contour and a relief, and the noise of what is bare and near."""
         deviation = contour.depth(lattice.points)
         deviation = deviation if relief is None else deviation - relief.heights
         deviation = np.where(known, deviation, np.float32(np.nan))
-        maps = [mean(deviation) for mean in means]
+        bare, maps = bare & (np.abs(deviation) < within), [mean(deviation) for mean in means]
         noise = measured_noise(deviation, maps, bare, lattice, scales)
         return Skin(contour, relief, noise, deviation, maps, usable, reach)
 
     bare = usable
     if part.is_met:
-        near = np.abs(part.contour.depth(lattice.points)) < part.tolerance
-        bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
+        bare = bare & ~_off(about(part.contour, None, bare, part.tolerance), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
     # Waves that may feign what a mean has of the smallest dent matter, if they stray more than
