@@ -73,15 +73,16 @@ class Contour:
         """Feet x, y of points (..., 3) on the contour, and their depth below it, metres."""
         x, y, w = self.local(points)
         height, along_x, along_y = self.surface(x, y)
-        above = w - height
-        square = 1 + along_x * along_x + along_y * along_y
+        above, square = w - height, 1 + along_x * along_x + along_y * along_y
         # One Newton step towards the foot; the rest is of the order of the curvature.
         step = above / square
         return x + step * along_x, y + step * along_y, above / np.sqrt(square)
 
     def depth(self, points: NDArray) -> Field:
         """Depth of points, shape (..., 3), below the contour, metres."""
-        return self.deviation(points)[2]
+        x, y, w = self.local(points)
+        height, along_x, along_y = self.surface(x, y)
+        return (w - height) / np.sqrt(1 + along_x * along_x + along_y * along_y)
 
     def foot(self, x: Field, y: Field) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Points on the contour and unit normals outward at x, y, each of shape (..., 3)."""

@@ -10,8 +10,9 @@ import numpy as np
 
 from ftp_dent_ros.dents.dent import COVERAGE, SmallestDent
 from ftp_dent_ros.inspection.measuring.lattice import LEAST, LEVEL, Lattice
-from ftp_dent_ros.inspection.measuring.noise import RATE, Mask, smoothed
+from ftp_dent_ros.inspection.measuring.noise import RATE, Mask, combined, smoother
 from ftp_dent_ros.inspection.measuring.skin import Skin
+from ftp_dent_ros.robust import median
 
 #: Full width of a Gaussian at 10 % of its depth, in its standard deviations.
 TENTH = 2 * math.sqrt(2 * math.log(10))
@@ -55,22 +56,22 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
     least = settings.smallest_depth
     significant = skin.noise.significant(RATE)
     evidence, height = np.zeros((2, *known.shape), np.float32), np.zeros(known.shape, np.float32)
-    base = np.full(known.shape, np.inf)
+    base, lowest = np.full(known.shape, np.inf), np.array(np.inf)
+    stated = skin.noise.stated, median(skin.noise.stated[known])
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
-        wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(TENTH * scale)
-        spread = np.hypot(skin.noise.tested(scale), np.float32(wavy))
+        wavy = skin.wavy(TENTH * scale)
+        spread, usual = (combined(skin.noise.tested(scale, each), wavy) for each in stated)
         unsure = spread
         if gaps.any():
-            smooth = smoothed(bridged, known | gaps, lattice.cells(scale))
-            unsure = np.hypot(spread, smoothed(doubt, known | gaps, lattice.cells(scale)))
+            mean = smoother(known | gaps, lattice.cells(scale))
+            smooth, unsure = mean(bridged), combined(spread, mean(doubt))
         smooth = np.where(known | gaps, np.nan_to_num(smooth), np.float32(0))
-        ratio = smooth / unsure
         for side, sign in enumerate((1, -1)):
-            deep = sign * smooth > LEAST * least
-            np.fmax(evidence[side], sign * ratio, out=evidence[side], where=deep)
+            deep = sign * smooth
+            np.fmax(evidence[side], deep / unsure, out=evidence[side], where=deep > LEAST * least)
         # Wider means have less noise, and more of what is not known of the waves below a dent.
-        if max(np.median(spread[known]), least / significant) < np.median(base[known]):
-            base, height = spread, smooth
+        if np.maximum(usual, least / significant) < lowest:
+            base, height, lowest = spread, smooth, usual
     found = []
     for side, sign in enumerate((1, -1)):
         above = sign * height > np.maximum(COVERAGE * base, LEVEL * least)

@@ -13,7 +13,7 @@ from ftp_dent_ros.dents.dent import SmallestDent
 from ftp_dent_ros.inspection.measuring.detection import TENTH
 from ftp_dent_ros.inspection.measuring.kinds import STEEP
 from ftp_dent_ros.inspection.measuring.lattice import LEAST, Lattice
-from ftp_dent_ros.inspection.measuring.noise import RATE, Map
+from ftp_dent_ros.inspection.measuring.noise import RATE, Map, combined
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Of a normal distribution, 95 %: noise hides a dent that is no deeper than what must be seen in
@@ -47,14 +47,13 @@ def findable_depth(skin: Skin, lattice: Lattice, settings: SmallestDent) -> Map:
         )
         return reduce(np.add, terms)
 
-    wavy = 0.0 if skin.relief is None else skin.relief.uncertainty(width)
-    significant, places = skin.noise.significant(RATE), []
+    wavy, significant, places = skin.wavy(width), skin.noise.significant(RATE), []
     for scale in skin.noise.scales[1:]:
-        spread = np.hypot(skin.noise.tested(scale), wavy)
+        spread = combined(skin.noise.tested(scale), wavy)
         seen = np.maximum((significant + _SURELY) * spread, LEAST * settings.smallest_depth)
         places.append(seen / left(OF_WAVES, scale**2))
     once, twice, restored = (left(OF_WAVES * order) for order in (1, 2, 3))
-    spread = np.hypot(skin.noise.after(math.sqrt(square) / 2), wavy)
+    spread = combined(skin.noise.after(math.sqrt(square) / 2), wavy)
     sure = restored - _SURELY * (twice - once)
     known = (settings.smallest_depth + _SURELY * spread) / np.maximum(sure, 1e-6)
     least = np.maximum(reduce(np.minimum, places), known)

@@ -166,7 +166,7 @@ def _before_denoising(
         return cloud.points, cloud.sigma
     rays = _moved(cloud.points, -viewpoint)
     # OpenCV's magnitude depends on where in memory the arrays are.
-    distance = np.maximum(np.sqrt(np.square(rays).sum(axis=-1)), np.finfo(np.float32).tiny)
+    distance = np.maximum(np.sqrt(sum(map(np.square, cv2.split(rays)))), np.finfo(np.float32).tiny)
     # Edges make it noisier only: what is usual ends as far above the median as below it.
     low, usual = np.quantile(cloud.noise[known], (0.025, 0.5))
     much = np.float32(usual * usual / low)

@@ -19,11 +19,11 @@ from ftp_dent_ros.dents.dent import (
     orientation_of,
 )
 from ftp_dent_ros.inspection.measuring.contour import Contour
-from ftp_dent_ros.inspection.measuring.dent_model import model_axes
+from ftp_dent_ros.inspection.measuring.dent_model import UNKNOWN, model_axes
 from ftp_dent_ros.inspection.measuring.detection import TENTH, Place
 from ftp_dent_ros.inspection.measuring.kinds import kind_of
 from ftp_dent_ros.inspection.measuring.lattice import LEVEL, Lattice
-from ftp_dent_ros.inspection.measuring.noise import SURE, Map, smoothed
+from ftp_dent_ros.inspection.measuring.noise import SURE, Map, combined, smoother
 from ftp_dent_ros.inspection.measuring.outline import CUT
 from ftp_dent_ros.inspection.measuring.patch import Patch, patch_of
 from ftp_dent_ros.inspection.measuring.sizes import Sizes, sizes_of
@@ -35,7 +35,6 @@ _LEVELS = 32
 _PROFILE = np.linspace(-0.83, 0.83, 81)
 _OVERLAPS = 'overlaps another one: each is taken to be alike on both sides'
 _SEVERAL = 'may be several: what would part them is hardly more than noise'
-_NAN = Estimate(math.nan, math.nan)
 _NO_PROFILE = np.zeros((0, 2))
 
 Vector = NDArray[np.float64]
@@ -59,7 +58,7 @@ def measure(
     # As wide as the smallest dent, a mean does not fill the saddle between two of them.
     scale = settings.smallest_width / TENTH
     cells = scale / patch.step[0], scale / patch.step[1]
-    values = np.nan_to_num(smoothed(patch.depth, patch.known, cells))
+    values = np.nan_to_num(smoother(patch.known, cells)(patch.depth))
     peaks, several = _peaks(patch, values, skin.noise.after(scale, patch.usual))
     sized = [(sizes_of(each, at, skin), each) for at, each in _alone(patch, values, peaks)]
     if not any(sizes for sizes, _ in sized):
@@ -120,31 +119,32 @@ def _alone(
     there (Lupton, The SDSS image deblender, 2005). Where that side is not known, or none claims
     anything, water divides the place. How far the two divisions differ is in doubt.
     """
-    marks = np.zeros(patch.depth.shape, np.int32)
-    for index, at in enumerate(peaks, 1):
-        marks[at] = index
-    below = 1 - np.maximum(values, 0) / max(float(values.max()), np.finfo(np.float32).tiny)
-    # Of 16 bits SciPy 1.11 floods 15.
-    levels = np.uint16(below * np.iinfo(np.int16).max)
-    found = ndimage.watershed_ift(levels, marks, np.ones((3, 3)))
+    found = np.ones(values.shape, np.int32)
+    if peaks[1:]:
+        marks = np.zeros_like(found)
+        marks[tuple(np.transpose(peaks))] = 1 + np.arange(len(peaks))
+        # Of 16 bits SciPy 1.11 floods 15.
+        below = np.iinfo(np.int16).max * (1 - np.maximum(values, 0) / values.max())
+        found = ndimage.watershed_ift(np.uint16(below), marks, np.ones((3, 3)))
     rows, columns = np.indices(found.shape)
     claims = []
     for index, (row, column) in enumerate(peaks, 1):
         opposite, known = (
             patch.at(each, 2 * column - columns, 2 * row - rows, cv2.INTER_NEAREST)
-            for each in (values, patch.known)
+            for each in (values, np.uint8(patch.known))
         )
         # Less than any depth that is measured.
         least = np.where(known, 1e-6, values) * (found == index)
         claims.append(np.maximum(opposite * known, least))
     total = np.maximum(sum(claims), 1e-12)
     for index, (at, claim) in enumerate(zip(peaks, claims, strict=True), 1):
-        share, doubts = np.float32(claim / total), patch.doubts
+        share, doubts, all_unsure = np.float32(claim / total), patch.doubts, patch.unsure
         if peaks[1:]:
             # A range is its half over the root of three uncertain.
             unsure = patch.depth * ((found == index) - share) / np.float32(math.sqrt(12))
             doubts = np.concatenate([unsure[None], doubts])
-        yield at, replace(patch, depth=patch.depth * share, doubts=doubts)
+            all_unsure = combined(all_unsure, unsure)
+        yield at, replace(patch, depth=patch.depth * share, doubts=doubts, unsure=all_unsure)
 
 
 def axis_along(contour: Contour, normal: Vector, angle: float) -> Vector:
@@ -235,11 +235,11 @@ def _unmeasured(
             depth=Estimate(place.sign * depth, depth),
             length=Estimate(length, cell),
             width=Estimate(width, cell),
-            model_length=_NAN,
-            model_width=_NAN,
+            model_length=UNKNOWN,
+            model_width=UNKNOWN,
             orientation=Estimate(orientation_of(normal, axis), math.pi / math.sqrt(12)),
             area=Estimate(np.count_nonzero(own) * math.prod(patch.step), length * cell),
-            volume=_NAN,
+            volume=UNKNOWN,
             bottom_radius=math.nan,
             significance=place.significance,
             is_cut=True,

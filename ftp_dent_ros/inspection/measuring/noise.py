@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -60,12 +62,12 @@ class Noise:
     fits: int
     freedom: NDArray[np.float64]
 
-    def tested(self, scale: float) -> NDArray:
+    def tested(self, scale: float, stated: NDArray | float | None = None) -> NDArray:
         """`after`, as of the normal noise that passes `RATE` as rarely, of each cell, metres."""
         level, freedom = self.significant(RATE), np.interp(scale, self.scales, self.freedom)
         # Of the variance 1.
         rare = -stdtrit(freedom, ndtr(-level)) * math.sqrt(1 - 2 / freedom)
-        return self.after(scale) * np.float32(rare / level)
+        return self.after(scale, stated) * np.float32(rare / level)
 
     def after(self, scale: float, stated: NDArray | float | None = None) -> NDArray:
         """Standard deviation after a Gaussian of `scale` metres, of each cell, metres.
@@ -76,7 +78,7 @@ class Noise:
             np.float32(np.interp(scale, self.scales, each)) for each in (self.ratios, self.common)
         )
         stated = self.stated if stated is None else stated
-        return np.sqrt(alike * alike + np.square(ratio * stated))
+        return combined(alike, ratio * stated)
 
     def spectrum(self, square: NDArray, cell: float, stated: float) -> NDArray:
         """Of each frequency, what there is in points: of white noise of the variance 1, metres.
@@ -112,20 +114,37 @@ class Noise:
         return level
 
 
-def smoothed(values: Map, valid: Mask, cells: tuple[float, float]) -> Map:
-    """Gaussian mean of the valid values; NaN where fewer than half of the weights are valid."""
-    size = [2 * math.ceil(2.5 * sigma) + 1 for sigma in cells]
+def combined(one: NDArray | float, other: NDArray | float) -> NDArray:
+    """Standard deviation of the sum of two; NumPy's hypot takes seven times as long."""
+    return np.sqrt(one * one + other * other)
 
-    def blurred(image: Map) -> NDArray:
-        return np.asarray(
-            cv2.GaussianBlur(
-                image, size, cells[0], sigmaY=cells[1], borderType=cv2.BORDER_CONSTANT
-            )
-        )
 
+def smoother(
+    valid: Mask, cells: tuple[float, float], reach: float = 2.5, least: float = 0.45
+) -> Callable[[NDArray], NDArray]:
+    """What takes Gaussian means of the valid ones of any values, shape (rows, columns).
+
+    Parameters
+    ----------
+    valid : ndarray, shape (rows, columns), bool
+    cells : (float, float)
+        Standard deviations along x and y.
+    reach : float
+        In these, how far the Gaussian goes.
+    least : float
+        Valid part of the weights up to which the mean is NaN.
+    """
+    size = [2 * math.ceil(reach * sigma) + 1 for sigma in cells]
+    blurred = partial(
+        cv2.GaussianBlur,
+        ksize=size,
+        sigmaX=cells[0],
+        sigmaY=cells[1],
+        borderType=cv2.BORDER_CONSTANT,
+    )
     weight = blurred(valid.astype(np.float32))
-    total = blurred(np.where(valid, values, np.float32(0)))
-    return np.where(weight > 0.45, total / np.maximum(weight, 0.1), np.float32(np.nan))
+    divisor = np.where(weight > least, weight, np.float32(np.nan))
+    return lambda values: blurred(np.where(valid, values, np.float32(0))) / divisor
 
 
 def median_of(values: NDArray) -> float:
@@ -155,7 +174,7 @@ def measured_noise(
     deviation : ndarray, shape (rows, columns), float32
         Metres; NaN where there is no contour.
     maps : list of ndarray
-        The same, `smoothed` at each of the scales.
+        The same, smoothed at each of the scales.
     bare : ndarray, shape (rows, columns), bool
         Skin without dents.
     lattice : Lattice
@@ -168,7 +187,6 @@ def measured_noise(
         sample = np.isfinite(deviation)
     stated = np.zeros_like(deviation) if lattice.sigma is None else lattice.sigma
     usual = median_of(stated[sample])
-    every = np.flatnonzero(sample)
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
     window, fits = lattice.windows(sample, OF_NOISE)
     cell = max(lattice.spacing) / math.sqrt(12)
@@ -180,20 +198,20 @@ def measured_noise(
             ratio = max(white, _strayed(smooth / stated, rough))
         alike = _strayed(smooth, calm) ** 2 - (ratio * median(stated.ravel()[calm])) ** 2
         alike = math.sqrt(max(alike, _LEAST**2))
-        strayed = smooth / np.hypot(alike, ratio * stated)
-        found.append((ratio if scale else ratio / white, alike, _freedom(_known(strayed, every))))
+        strayed = smooth / combined(alike, ratio * stated)
+        found.append((ratio if scale else ratio / white, alike, _freedom(strayed, sample)))
     ratios, common, freedom = np.array(found).T
     falling = np.minimum.accumulate(common)
     return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits, freedom)
 
 
-def _freedom(strayed: Map) -> float:
+def _freedom(strayed: Map, sample: Mask) -> float:
     """Degrees of freedom of Student's t by the kurtosis, on the side that has less of it.
 
     Dents stray to one side, noise to both.
     """
     # One more to each side: there may be none.
-    strayed = np.append(strayed, (-1, 1))
+    strayed = np.append(strayed[sample & np.isfinite(strayed)], (-1, 1))
     square = np.square(np.maximum([strayed, -strayed], 0))
     count = np.count_nonzero(square, axis=1)
     kurtosis = count * np.square(square).sum(axis=1) / np.square(square.sum(axis=1))
@@ -207,14 +225,9 @@ def _some(mask: Mask) -> NDArray[np.intp]:
 
 def _strayed(values: Map, cells: NDArray[np.intp]) -> float:
     """Standard deviation of some cells by their median; least without any."""
-    known = _known(values, cells)
-    return NORMAL_SPREAD * median(np.abs(known)) if len(known) else _LEAST
-
-
-def _known(values: Map, cells: NDArray[np.intp]) -> Map:
-    """Values of some cells, of those that are known."""
     some = values.ravel()[cells]
-    return some[np.isfinite(some)]
+    known = some[np.isfinite(some)]
+    return NORMAL_SPREAD * median(np.abs(known)) if len(known) else _LEAST
 
 
 def _left(scale: float, fits: int) -> float:

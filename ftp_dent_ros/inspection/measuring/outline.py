@@ -132,7 +132,7 @@ def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float)
     depths = patch.at(patch.depth, columns, rows)
     # One cell more, so that the crossing behind the last cell is seen.
     wider = np.asarray(cv2.dilate(part.view(np.uint8), np.ones((3, 3), np.uint8)))
-    held = (patch.at(wider, columns, rows, cv2.INTER_NEAREST) > 0.5) & (depths > level * depth)
+    held = (patch.at(wider, columns, rows, cv2.INTER_NEAREST) > 0) & (depths > level * depth)
     held[:, 0] = True
     last = np.minimum(_SAMPLES - 1 - np.argmax(held[:, ::-1], axis=1), _SAMPLES - 2)
     each = np.arange(_RAYS)
@@ -141,8 +141,8 @@ def find_outline(patch: Patch, at: tuple[int, int], depth: float, wanted: float)
     crossing = _ALONG[last] + _ALONG[1] * np.clip(beyond, 0, 1)
     # As many harmonics as the level is standard uncertainties of the depths, and two at least: a
     # ragged curve is too long.
-    unsure = float(patch.unsure(part).mean())
-    few = int(np.clip(level * depth / max(unsure, 1e-12), 2, _HARMONICS)) + 1
+    unsure = float(patch.unsure[part].mean())
+    few = 1 + int(min(max(level * depth / max(unsure, 1e-12), 2), _HARMONICS))
     spectrum = np.fft.rfft(crossing)
     # What they leave out may be its shape; a diameter has two independent ends.
     left_out = float(np.linalg.norm(spectrum[few : _HARMONICS + 1]) / abs(spectrum[0]))

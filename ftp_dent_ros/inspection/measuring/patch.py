@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.response import OF_WAVES, halved, left_out
 from ftp_dent_ros.inspection.measuring.detection import Place
 from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
-from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of
+from ftp_dent_ros.inspection.measuring.noise import SURE, Noise, median_of, smoother
 from ftp_dent_ros.inspection.measuring.skin import Skin
 
 # Cells of a patch across a place at most, and a third of those across its window.
@@ -42,6 +42,8 @@ class Patch:
         metres.
     strays : ndarray
         Standard deviation of the depths by noise, metres.
+    unsure : ndarray
+        Standard uncertainty of the depths, by noise and all doubts, metres.
     passed : ndarray
         Of each frequency of white noise (fft2), as it is correlated, smoothed, and raised again
         by what was put back, over the root mean square of all.
@@ -62,6 +64,7 @@ class Patch:
     depth: Map
     doubts: Map
     strays: Map
+    unsure: Map
     passed: Map
     known: Mask
     over: Mask
@@ -70,31 +73,26 @@ class Patch:
     step: tuple[float, float]
     resolution: float
 
-    def at(self, values: NDArray, columns: Map, rows: Map, how: int = cv2.INTER_CUBIC) -> Map:
+    def at(self, values: NDArray, columns: Map, rows: Map, how: int = cv2.INTER_CUBIC) -> NDArray:
         """Values at fractions of cells, 0 beyond the frame; of up to 2 dimensions."""
         x, y = np.atleast_2d(np.float32(columns)), np.atleast_2d(np.float32(rows))
-        found = cv2.remap(np.float32(values), x, y, how, borderMode=cv2.BORDER_CONSTANT)
-        return np.asarray(found, np.float32).reshape(np.shape(columns))
+        found = cv2.remap(values, x, y, how, borderMode=cv2.BORDER_CONSTANT)
+        return np.asarray(found).reshape(np.shape(columns))
 
     def along(self, x: float, y: float, angle: float, distances: Map) -> tuple[Map, Mask]:
         """Depths at distances from a place, at an angle from x; and where they are measured."""
         out_x, out_y = x + distances * math.cos(angle), y + distances * math.sin(angle)
         at = np.stack([np.ones_like(distances), out_x, out_y], axis=1)
         columns, rows = (at @ self._to_cells).T
-        measured = self.at(self.known & ~self.over, columns, rows, cv2.INTER_NEAREST) > 0.5
-        return self.at(self.depth, columns, rows), measured
-
-    def unsure(self, cells: Mask) -> Map:
-        """Standard uncertainty of the depths of some cells, by noise and all doubts, metres."""
-        return np.asarray(np.linalg.norm([self.strays[cells], *self.doubts[:, cells]], axis=0))
+        shown = self.at(np.uint8(self.known & ~self.over), columns, rows, cv2.INTER_NEAREST)
+        return self.at(self.depth, columns, rows), shown > 0
 
     @cached_property
     def _to_cells(self) -> Map:
         """From 1, x and y to columns and rows, shape (3, 2)."""
         rows, columns = np.indices(self.x.shape, float).reshape(2, -1)
-        terms = np.stack([np.ones(self.x.size), self.x.ravel(), self.y.ravel()], axis=1)
-        found = np.linalg.lstsq(terms, np.stack([columns, rows], axis=1), rcond=None)[0]
-        return np.asarray(found, float)
+        terms = np.stack([np.ones(self.x.size), self.x.ravel(), self.y.ravel()])
+        return np.linalg.solve(terms @ terms.T, terms @ np.stack([columns, rows], axis=1))
 
     def varied(self, fields: int, unsure: float) -> Iterator[Patch]:
         """The patch as it may have been measured as well, in pairs that differ by one thing.
@@ -123,11 +121,14 @@ def ellipse_of(mask: Mask) -> tuple[Map, Map]:
     stretch : ndarray, shape (2, 2)
         From the unit circle to the ellipse about its centre, cells.
     """
-    sums = cv2.moments(mask.view(np.uint8), binaryImage=True)
+    sums = cv2.moments(mask.view(np.uint8))
     centre = np.array([[sums['m10']], [sums['m01']]]) / sums['m00']
-    spread = np.array([[sums['mu20'], sums['mu11']], [sums['mu11'], sums['mu02']]]) / sums['m00']
-    # A twelfth of a square is the variance of a place in it.
-    return centre, 2 * np.linalg.cholesky(spread + np.eye(2) / 12)
+    xx, xy, yy = (sums[name] / sums['m00'] for name in ('mu20', 'mu11', 'mu02'))
+    # A twelfth of a square is the variance of a place in it; Cholesky's factor.
+    first = math.sqrt(xx + 1 / 12)
+    return centre, 2 * np.array(
+        [[first, 0], [xy / first, math.sqrt(yy + 1 / 12 - (xy / first) ** 2)]]
+    )
 
 
 def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
@@ -169,7 +170,8 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     )
     step = lattice.spacing[0] / lattice.block / zoom, lattice.spacing[1] / lattice.block / zoom
     scale = _smoothing(skin, depth, stated, known, 0.7 * max(spacing, *step), width)
-    depth = depth - _taken(depth, known, (scale / step[0], scale / step[1]), 2)
+    mean = smoother(known, (scale / step[0], scale / step[1]), 3, 0)
+    depth = depth - _taken(depth, known, mean, 2)
     window, fits = lattice.windows(own, OF_WAVES)
     is_stated = lattice.resolution is not None
     depth, first, anywhere = _restored(
@@ -185,16 +187,18 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     usual = median_of(around if len(around) else stated.ravel())
     beyond = np.maximum(stated * stated - usual * usual, 0)
     gap_doubt = np.sqrt(np.where(over, unsure, np.float32(0)) ** 2 + beyond)
-    share = skin.noise.after(scale, np.minimum(stated, usual)) / skin.noise.after(scale, usual)
-    restored = window, fits if is_stated else 0
-    passed = _passed(known.shape, step, skin.noise, usual, scale, restored)
+    doubts = np.array([first, np.hypot(anywhere, gap_doubt)], np.float32)
+    passed = _passed(known.shape, step, skin.noise, usual, scale, (window, fits * is_stated))
     level = math.sqrt(np.square(passed).mean())
+    share = skin.noise.after(scale, np.minimum(stated, usual)) / skin.noise.after(scale, usual)
+    strays = np.float32(share * level)
     return Patch(
         x,
         y,
         np.where(over, place.sign * bridged, np.where(known, depth, np.float32(0))),
-        np.stack([first, np.hypot(anywhere, gap_doubt)]).astype(np.float32),
-        np.float32(share * level),
+        doubts,
+        strays,
+        np.linalg.norm([strays, *doubts], axis=0),
         passed / level,
         known | over,
         over,
@@ -237,20 +241,10 @@ def _resized(maps: NDArray, known: Mask, zoom: float) -> tuple[list[NDArray[np.f
     return found, known
 
 
-def _mean(values: Map, known: Mask, sigma: tuple[float, float]) -> Map:
-    """Gaussian mean of what is known; as it is where the windows hold nothing."""
-    both = cv2.merge([np.where(known, values, np.float32(0)), np.float32(known)])
-    size = [2 * math.ceil(3 * each) + 1 for each in sigma]
-    total, weight = cv2.split(
-        cv2.GaussianBlur(both, size, sigma[0], sigmaY=sigma[1], borderType=cv2.BORDER_CONSTANT)
-    )
-    return np.where(known, total / np.maximum(weight, 1e-6), values)
-
-
-def _taken(values: Map, known: Mask, sigma: tuple[float, float], fits: int) -> Map:
+def _taken(values: Map, known: Mask, mean: Callable[[Map], Map], fits: int) -> Map:
     """What some fits in Gaussian windows, each of which corrects the ones before, leave out."""
     for _ in range(fits):
-        values = values - _mean(values, known, sigma)
+        values = values - mean(values)
     return np.where(known, values, np.float32(0))
 
 
@@ -265,9 +259,10 @@ def _restored(
     else in a window, for light and shade bend the response. Of a resolution that is not known
     nothing is put back, but what one Gaussian would ask for is in doubt.
     """
-    first = _taken(depth, known, sigma, fits)
-    anywhere = np.sqrt(_mean(first * first, known, sigma))
-    second = _taken(first, known, sigma, fits)
+    mean = smoother(known, sigma, 3, 0)
+    first = _taken(depth, known, mean, fits)
+    anywhere = np.where(known, np.sqrt(mean(first * first)), np.float32(0))
+    second = _taken(first, known, mean, fits)
     return depth + is_stated * (first + second), first, anywhere
 
 

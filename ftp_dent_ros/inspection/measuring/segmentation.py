@@ -18,7 +18,7 @@ from ftp_dent_ros.inspection.measuring.noise import (
     Mask,
     median_of,
     rough_noise,
-    smoothed,
+    smoother,
 )
 from ftp_dent_ros.robust import fitted
 
@@ -157,7 +157,7 @@ class _Split:
             if noise > self._finest:
                 contour, deviation = self._depths(part, noise)
             tolerance = SURE * max(noise, self._finest)
-            smooth = np.nan_to_num(smoothed(deviation, part, (1.0, 1.0)))
+            smooth = np.nan_to_num(smoother(part, (1.0, 1.0))(deviation))
             left = part.copy()
             for rest in _parts(part & (np.abs(smooth) > tolerance), self.least):
                 core = self._another(rest, deviation, part, tolerance)
@@ -227,8 +227,8 @@ def _jumps(lattice: Lattice) -> Mask:
     cut = np.zeros(lattice.valid.shape, bool)
     limit = TOGETHER * max(lattice.spacing)
     for axis, there in ((0, np.s_[1:]), (1, np.s_[:, 1:])):
-        far = np.linalg.norm(np.diff(lattice.points, axis=axis), axis=-1) > limit
-        cut[there] |= far & lattice.valid[there]
+        square = sum(map(np.square, cv2.split(np.diff(lattice.points, axis=axis))))
+        cut[there] |= (square > limit**2) & lattice.valid[there]
     return cut
 
 

@@ -20,11 +20,12 @@ from ftp_dent_ros.inspection.measuring.noise import (
     Mask,
     Noise,
     measured_noise,
-    smoothed,
+    smoother,
 )
 from ftp_dent_ros.inspection.measuring.segmentation import Segment
 from ftp_dent_ros.inspection.measuring.waviness import AROUND, Relief, relief_of
 from ftp_dent_ros.robust import deviation as spread_of
+from ftp_dent_ros.robust import median
 
 # Gaussians that dents are looked for with, in smallest widths at 10 % of the depth: a fifth is a
 # half narrower than the smallest dent's own, and one is four times as wide.
@@ -71,6 +72,10 @@ class Skin:
         known = self.usable & np.isfinite(self.deviation)
         return filled(np.where(known, self.deviation, np.float32(0)), known, self.reach)
 
+    def wavy(self, width: float) -> float:
+        """Standard uncertainty of the waves under the middle of a dent, metres."""
+        return 0.0 if self.relief is None else self.relief.uncertainty(width)
+
     def uncertainty(self, x: float, y: float, width: float) -> float:
         """Standard uncertainty of the skin under the middle of a dent, metres."""
         # What is left out of the waves is wider than a dent by its surroundings.
@@ -82,27 +87,30 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     """The contour of a segment, its waviness, the noise about them, and what departs from them."""
     usable, known = part.mask & ~seams, part.mask & lattice.valid
     scales = tuple(settings.smallest_width * share for share in _SCALES)
+    means = [smoother(known, lattice.cells(scale)) for scale in scales]
     reach = round(WIDE * settings.smallest_width / max(lattice.spacing))
 
-    def about(contour: Contour, relief: Relief | None, bare: Mask) -> Skin:
-        """What departs from a contour and a relief, and the noise of what is bare."""
+    def about(
+        contour: Contour, relief: Relief | None, bare: Mask, within: float = math.inf
+    ) -> Skin:
+        """What departs from a contour and a relief, and the noise of what is bare and near."""
         deviation = contour.depth(lattice.points)
         deviation = deviation if relief is None else deviation - relief.heights
         deviation = np.where(known, deviation, np.float32(np.nan))
-        maps = [smoothed(deviation, known, lattice.cells(scale)) for scale in scales]
+        bare, maps = bare & (np.abs(deviation) < within), [mean(deviation) for mean in means]
         noise = measured_noise(deviation, maps, bare, lattice, scales)
         return Skin(contour, relief, noise, deviation, maps, usable, reach)
 
     bare = usable
     if part.is_met:
-        near = np.abs(part.contour.depth(lattice.points)) < part.tolerance
-        bare = usable & ~_off(about(part.contour, None, usable & near), lattice, settings)
+        bare = bare & ~_off(about(part.contour, None, bare, part.tolerance), lattice, settings)
     contour = _fitted(part, lattice, bare, settings)
     skin = about(contour, None, bare)
     # Waves that may feign what a mean has of the smallest dent matter, if they stray more than
     # noise, of which half as wide a mean has twice as much. And where no contour is met, what is
     # wide is as likely the skin's own shape as a dent.
-    half, wide = (float(np.median(skin.noise.after(scale))) for scale in scales[1:])
+    usual = median(skin.noise.stated)
+    half, wide = (float(skin.noise.after(scale, usual)) for scale in scales[1:])
     if part.is_met and wide < max(half / math.sqrt(2), LEAST * settings.smallest_depth / SURE):
         return skin
     # Crests of waves stray from the contour as dents do: weights keep them in the relief.
@@ -110,7 +118,7 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     for _ in range(2):
         relief = relief_of(skin.deviation, bare, lattice, settings.smallest_width)
         wavy = about(contour, relief, bare)
-        if np.median(wavy.noise.after(scales[1])) > _LEFT * half:
+        if wavy.noise.after(scales[1], usual) > _LEFT * half:
             return skin
         bare = seen & ~_off(wavy, lattice, settings)
     return wavy
@@ -146,7 +154,8 @@ def _squares(lattice: Lattice, bare: Mask, settings: SmallestDent) -> NDArray[np
     across, down = lattice.cells(settings.smallest_width)
     size = max(2, columns // max(1, round(across))), max(2, rows // max(1, round(down)))
     share = cv2.resize(bare.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    kept = cv2.copyTo(lattice.points, bare.view(np.uint8))
-    total = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(
+        cv2.copyTo(lattice.points, bare.view(np.uint8)), size, interpolation=cv2.INTER_AREA
+    )
     enough = share > 0.35
     return np.asarray(total[enough] / share[enough][:, None], np.float32)

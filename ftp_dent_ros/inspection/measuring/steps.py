@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftp_dent_ros.dents.dent import Estimate, MeasuredDent, SmallestDent, orientation_of
+from ftp_dent_ros.inspection.measuring.dent_model import UNKNOWN
 from ftp_dent_ros.inspection.measuring.lattice import CELLS, Lattice
 from ftp_dent_ros.inspection.measuring.measurement import axis_along
 from ftp_dent_ros.inspection.measuring.noise import SURE
@@ -20,7 +21,6 @@ from ftp_dent_ros.robust import deviation, median
 
 _PLATE = 'all round a plate that lies on the skin, as a doubler or a patch'
 _SUNK = 'all round what lies flat below the skin: a dent, or another skin in an opening'
-_NAN = Estimate(math.nan, math.nan)
 
 Mask = NDArray[np.bool_]
 
@@ -106,12 +106,12 @@ def _step(seam: _Seam, profile: NDArray, height: Estimate, spread: float) -> Mea
         axis=along[0] * contour.axes[0] + along[1] * contour.axes[1],
         depth=height,
         length=Estimate(seam.length, contour.scale / 100),
-        width=_NAN,
-        model_length=_NAN,
-        model_width=_NAN,
-        orientation=_NAN,
-        area=_NAN,
-        volume=_NAN,
+        width=UNKNOWN,
+        model_length=UNKNOWN,
+        model_width=UNKNOWN,
+        orientation=UNKNOWN,
+        area=UNKNOWN,
+        volume=UNKNOWN,
         bottom_radius=math.nan,
         significance=height.value / max(spread, 1e-9),
         is_cut=True,
