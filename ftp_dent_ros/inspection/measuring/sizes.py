@@ -97,13 +97,9 @@ def sizes_of(patch: Patch, at: tuple[int, int], skin: Skin) -> Sizes | None:
         return None
     off = np.reshape(drawn, (-1, 2, len(values))) - values
     off[..., 3] = (off[..., 3] + math.pi / 2) % math.pi - math.pi / 2
-    # Noise makes the longest distance longer, and the deepest place deeper: it goes with the
-    # variance, of which half of the noise has a quarter.
-    more = 4 * off[:_FIELDS].mean(axis=(0, 1))
     apart = np.square(off[:, 0] - off[:, 1])
     noise = _WIDER**2 * apart[:_FIELDS].mean(axis=0)
-    spread = np.sqrt(noise + apart[_FIELDS:].sum(axis=0) + np.square(more / 2))
-    values = np.where(values > 0, values * values / np.maximum(values + more, values / 2), values)
+    spread = np.sqrt(noise + apart[_FIELDS:].sum(axis=0))
     # The length is the longest distance: what would make it shorter than the width, is of both.
     middle = values[1:3].mean()
     values[1:3] = max(values[1], middle), min(values[2], middle)
@@ -134,8 +130,9 @@ def _measured(patch: Patch, at: tuple[int, int]) -> tuple[NDArray[np.float64], O
     high = float(patch.depth[at])
     if not high > 0:
         return None
-    # What noise may have made shallower than the deepest, and that deeper, down to half of it.
-    surely = max(high - 2 * SURE * float(patch.strays[at]), high / 2)
+    # What noise may have made shallower than the deepest, and that deeper, which makes twice the
+    # variance; down to half of it.
+    surely = max(high - math.sqrt(2) * SURE * float(patch.strays[at]), high / 2)
     depth = _bottom(patch, part_above(patch, at, surely))
     outline = find_outline(patch, at, depth, LEVEL)
     if outline is None or not outline.inside.any():
@@ -147,18 +144,20 @@ def _measured(patch: Patch, at: tuple[int, int]) -> tuple[NDArray[np.float64], O
 
 
 def _bottom(patch: Patch, cap: Mask) -> float:
-    """Largest depth of a surface of the fourth degree through the cap."""
-    # NumPy's nonzero of two dimensions takes several times as long.
-    rows, columns = np.divmod(np.flatnonzero(cap), cap.shape[1])
-    across, down = (
-        np.vander((each - each.mean()) / max(cap.shape), 5, increasing=True).T
-        for each in (columns, rows)
-    )
-    terms = (across[:, None] * down)[np.tri(5, dtype=bool)[::-1]]
-    weighted = terms / np.square(patch.unsure[rows, columns])
-    depths = patch.depth[rows, columns]
-    found = np.linalg.lstsq(weighted @ terms.T, weighted @ depths, rcond=None)[0]
-    return float((found @ terms).max())
+    """Depth of a paraboloid through the cap, at its middle cell: a maximum would pick noise.
+
+    No bottom is a paraboloid: of the cells it is unsure by as much as it is off its middle there.
+    """
+    x, y = ((each[cap] - each[cap].mean()).astype(float) for each in (patch.x, patch.y))
+    # In metres bends are small: where the cells are too few, the least solution is flat.
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    middle, unsure = np.argmin(x * x + y * y), patch.unsure[cap]
+    for _ in range(2):
+        weighted = terms / np.square(unsure)
+        found = np.linalg.lstsq(weighted @ terms.T, weighted @ patch.depth[cap], rcond=None)[0]
+        depth = found @ terms
+        unsure = np.hypot(unsure, depth - depth[middle])
+    return float(depth[middle])
 
 
 def _radius(patch: Patch, outline: Outline, at: tuple[int, int], depth: float) -> float:
