@@ -68,7 +68,9 @@ def inspect(
     deviation, noise, findable = (np.full(shape, np.nan, np.float32) for _ in range(3))
     fine = lattice.spread(labels, shape)
     shown = lattice.relative(cloud.points)
-    for index, part in enumerate(segments):
+    # A segment that lies within another one has no cells left.
+    for index in np.unique(labels[labels >= 0]):
+        part = segments[index]
         skin = bare_skin(lattice, part, borders, settings)
         at = lattice.measured & (fine == index)
         depth = skin.contour.depth(shown)
