@@ -122,7 +122,7 @@ def combined(one: NDArray | float, other: NDArray | float) -> NDArray:
 def smoother(
     valid: Mask, cells: tuple[float, float], reach: float = 2.5, least: float = 0.45
 ) -> Callable[[NDArray], NDArray]:
-    """What takes Gaussian means of the valid ones of any values, shape (rows, columns).
+    """Function that takes Gaussian means of values, shape (rows, columns), where they are valid.
 
     Parameters
     ----------
