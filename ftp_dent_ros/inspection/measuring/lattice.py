@@ -99,7 +99,7 @@ class Lattice:
                 f'the points of the cloud lie {max(across):.2g} m apart, so that it seems to be '
                 'in millimetres: give it in metres'
             )
-        block = max(1, round(settings.smallest_width / CELLS / max(across)))
+        block = max(1, min(round(settings.smallest_width / CELLS / max(across)), *finite.shape))
         share = _means(finite.astype(np.float32), block)
         valid = share > 0.5
         # What is divided by infinity is 0.

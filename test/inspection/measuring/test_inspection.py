@@ -286,6 +286,7 @@ def test_what_is_smaller_than_the_smallest_dent_is_not_reported():
 
 
 GRID = np.zeros((100, 100, 3), np.float32)
+STRIP = np.dstack([*np.meshgrid(3e-4 * np.arange(400), [0, 3e-4]), np.ones((2, 400))])
 
 
 @pytest.mark.parametrize(
@@ -296,6 +297,7 @@ GRID = np.zeros((100, 100, 3), np.float32)
         (np.full_like(GRID, np.nan), 'all are NaN'),
         (np.ones((1, 2, 3), np.float32), 'only 2 points'),
         (np.ones_like(GRID), 'lie at one place'),
+        (np.float32(STRIP), 'no part of the cloud is large enough'),
     ],
 )
 def test_a_cloud_that_cannot_be_used_is_refused(points, words):
