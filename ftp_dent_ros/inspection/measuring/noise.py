@@ -115,7 +115,7 @@ class Noise:
 
 
 def combined(one: NDArray | float, other: NDArray | float) -> NDArray:
-    """Standard deviation of the sum of two; NumPy's hypot takes seven times as long."""
+    """Deviation of a sum by those of its terms; NumPy's hypot takes seven times as long."""
     return np.sqrt(one * one + other * other)
 
 
@@ -130,7 +130,7 @@ def smoother(
     cells : (float, float)
         Standard deviations along x and y.
     reach : float
-        In these, how far the Gaussian goes.
+        How far the Gaussian goes, in standard deviations.
     least : float
         Valid part of the weights up to which the mean is NaN.
     """

@@ -130,8 +130,8 @@ def _measured(patch: Patch, at: tuple[int, int]) -> tuple[NDArray[np.float64], O
     high = float(patch.depth[at])
     if not high > 0:
         return None
-    # What noise may have made shallower than the deepest, and that deeper, which makes twice the
-    # variance; down to half of it.
+    # What noise may have made shallower than the deepest cell, down to half of its depth: their
+    # difference has twice the variance.
     surely = max(high - math.sqrt(2) * SURE * float(patch.strays[at]), high / 2)
     depth = _bottom(patch, part_above(patch, at, surely))
     outline = find_outline(patch, at, depth, LEVEL)
@@ -146,7 +146,7 @@ def _measured(patch: Patch, at: tuple[int, int]) -> tuple[NDArray[np.float64], O
 def _bottom(patch: Patch, cap: Mask) -> float:
     """Depth of a paraboloid through the cap, at its middle cell: a maximum would pick noise.
 
-    No bottom is a paraboloid: of the cells it is unsure by as much as it is off its middle there.
+    No bottom is a paraboloid: cells count less where the first one is off its middle.
     """
     x, y = ((each[cap] - each[cap].mean()).astype(float) for each in (patch.x, patch.y))
     # In metres bends are small: where the cells are too few, the least solution is flat.

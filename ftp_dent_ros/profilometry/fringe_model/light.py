@@ -36,7 +36,8 @@ class Light:
     usable : ndarray, shape (rows, columns), float32
         1 where no pixel is clipped, else 0.
     weight : ndarray, shape (rows, columns), float32
-        Of what is usable: less in dark paint whose albedo is divided out, as its noise is, too.
+        How much a usable bin counts: the square of the albedo that is divided out, as noise is
+        divided, too, over the brightest bin's.
     has_stripe : bool
         Whether one fringe has red alone.
     """

@@ -150,7 +150,7 @@ class OrderLikelihood:
         self._steps = _steps(expected[None])[0].astype(np.float32)
         coded = np.flatnonzero(~np.isclose(self._steps, 0, atol=1e-6))
         self._coded = int(coded[0]), int(coded[-1]) + 1
-        # Windows see fringes as far beyond the panel's rims.
+        # Windows show fringes up to one beyond the panel's rims.
         self._ends = pattern.phase([0, pattern.width - 1]) + math.tau * np.array([-1, 1])
         self._has_words = pattern.code == 'contrast'
 

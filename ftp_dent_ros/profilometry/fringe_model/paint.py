@@ -42,7 +42,7 @@ def divide_paint(
     start: Start,
     fit: Callable[[Light], Start],
 ) -> tuple[Light, Start]:
-    """Divide the albedo out of the light, each time with the phase of the last.
+    """Divide the albedo out of the light, each time by the phase of the fit before.
 
     Parameters
     ----------

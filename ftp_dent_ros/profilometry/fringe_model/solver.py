@@ -78,7 +78,7 @@ class Solver:
     ----------
     grid : BinGrid
     light, usable, weight : ndarray, shape (rows, columns), float32
-        Of the bins, what share of it is usable, and how much that counts.
+        Of the bins, what share of it is usable, and how much each bin counts.
     """
 
     def __init__(
