@@ -61,7 +61,7 @@ class DentInspector(PayloadNode[DentInspectorSettings]):
         self._tagged = given.source == TAGGED
         self._smallest = SmallestDent(given.smallest_depth, given.smallest_width)
         self._dents = self.create_publisher(PointCloud2, 'dents', POSES)
-        self._listing = DentListing(self, given.list_file if self._tagged else '', self._tagged)
+        self._listing = DentListing(self, given.list_file, self._tagged)
         # In the end all clouds that came are put into the list first.
         self._worker = self.worker(
             self._inspect, 'a cloud could not be inspected', finish=True, room=_WAITING

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from ftp_dent_ros.capture.device import CameraSettings
 from ftp_dent_ros.dents.dent import RANGES, SmallestDent
+from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.ground.link import PORT, Security, endpoints
 from ftp_dent_ros.navigation.settings import MOST_CLOCK_ERROR, VehicleSettings
 from ftp_dent_ros.parameters import Declarations, flat
@@ -502,9 +503,17 @@ class DentInspectorSettings:
     )
     rules: Rules | None = file(_read_rules, 'File of limits to judge the list by.')
     list_file: str = place(
-        'File that keeps the list over a restart; if empty it is forgotten then.'
+        'File that keeps the list of tagged clouds over a restart; if empty it is forgotten then.'
     )
     map_frame: str = setting('map', 'The frame that poses come in; others are refused.')
+
+    def __post_init__(self) -> None:
+        """Refuse a file that nothing would be written to."""
+        if self.list_file and self.source != TAGGED:
+            raise ConfigurationError(
+                'list_file: only dents of tagged clouds are kept: set source to tagged, or leave '
+                'list_file out'
+            )
 
 
 @dataclass(frozen=True)

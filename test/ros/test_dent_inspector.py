@@ -23,10 +23,13 @@ from visualization_msgs.msg import MarkerArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.coding.messages import dents_from_message
 from ftp_dent_ros.dents.dent_list import EXACT, DentList
+from ftp_dent_ros.errors import ConfigurationError
 from ftp_dent_ros.inspection.inspecting import survey_bag
 from ftp_dent_ros.inspection.measuring.inspection import inspect
 from ftp_dent_ros.inspection.records import dent_record
+from ftp_dent_ros.nodes.settings import DentInspectorSettings, read
 from ftp_dent_ros.pages.words import finite
+from ftp_dent_ros.parameters import Declarations
 from ftp_dent_ros.pose import IDENTITY, Pose
 from ftp_dent_ros.recording.reader import open_bag
 from ftp_dent_ros.recording.topic import Message
@@ -286,6 +289,14 @@ def test_what_is_not_plausible_changes_nothing_in_the_list(ros, cloud):
     taken = bench.take()
     assert (taken['clouds'], taken['frame_id']) == (2, 'map')
     assert [dent['sightings'] for dent in taken['dents']] == [2, 2]
+
+
+def test_a_file_for_a_list_that_is_not_kept_is_refused(tmp_path):
+    given = {'list_file': str(tmp_path / 'dents.jsonl')}
+    tagged = read(DentInspectorSettings, Declarations({**given, 'source': 'tagged'}))
+    assert tagged.list_file == given['list_file']
+    with pytest.raises(ConfigurationError, match='set source to tagged, or leave list_file out'):
+        read(DentInspectorSettings, Declarations(given))
 
 
 def test_a_list_is_taken_with_all_clouds_before_and_survives_a_restart(ros, cloud, tmp_path):
