@@ -55,15 +55,16 @@ class Light:
         grid: BinGrid,
         has_stripe: bool,
         albedo: NDArray[np.float32] | None = None,
+        black: float = 0.0,
     ) -> Light:
-        """Light of a photograph, over the albedo of its pixels."""
+        """Light of a photograph, beyond the camera's black level over the albedo of its pixels."""
         pixels: Any = photograph.rgb() if photograph.mosaic else photograph.pixels
         planes: Any = [pixels] if pixels.ndim == 2 else cv2.split(pixels)
         sharp = planes
         if photograph.mosaic:
             sharp = [cv2.filter2D(each, -1, _SIX_POINTS) for each in planes]
         if albedo is not None:
-            sharp = [each / albedo for each in sharp]
+            sharp = [(each - np.float32(black / photograph.unit)) / albedo for each in sharp]
         colours = [grid.binned(each) * np.float32(photograph.unit) for each in sharp]
         shares = _MOSAIC if photograph.mosaic else _LUMA
         usable = np.ones(grid.shape, np.float32)

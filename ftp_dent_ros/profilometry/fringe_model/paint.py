@@ -52,7 +52,8 @@ def divide_paint(
     Returns
     -------
     light : Light
-        That of skin of the mean albedo; the given one unless edges of paint lie in most windows.
+        That of skin of the mean albedo if it explains the light of most windows twice as well;
+        otherwise the given one.
     start : Start
         The first fit to it.
     """
@@ -63,17 +64,34 @@ def divide_paint(
     fine = light.unbroken
     if cells != grid:
         fine = Light.of(photograph, cells, light.has_stripe).unbroken
+    black = _black_level(*(each[_FEW] for each in (start.amplitude, start.level, lit, fine)))
+    fine = fine - black
+    shown, fitted = light, replace(start, level=start.level - black)
     inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
     for off in _OFF:
-        fringes = _Fringes.of(grid, cells, start, fine)
+        fringes = _Fringes.of(grid, cells, fitted, fine)
         edges = [_edges(cells, fringes, axis, inside, off) for axis in (1, 0)]
-        if not _lie_in_most_windows(cells, edges, inside):
-            break
+        # Less than one in a window is not worth the time.
+        if sum(map(np.count_nonzero, edges)) * cells.bins_in_window < np.count_nonzero(inside):
+            return light, start
         paint = _integral([_leaps(fringes, axis, edges[1 - axis]) for axis in (1, 0)])
         paint -= paint[inside].mean()
-        shown = Light.of(photograph, grid, light.has_stripe, cells.at_pixels(np.exp(paint)))
-        light, start = shown, fit(shown)
-    return light, start
+        albedo = cells.at_pixels(np.exp(paint))
+        shown = Light.of(photograph, grid, light.has_stripe, albedo, black)
+        fitted = fit(shown)
+    before, after = (
+        np.median((each.own.rest / np.square(each.own.swing))[lit]) for each in (start, fitted)
+    )
+    return (shown, fitted) if 2 * after < before else (light, start)
+
+
+def _black_level(amplitude, level, lit, light) -> np.float32:
+    """Light that the camera shows where none is: the level that darker and darker paint nears.
+
+    Windows of edges show less amplitude, which makes it too high; but no light is darker.
+    """
+    _, least = np.polyfit(amplitude[lit], level[lit], 1)
+    return np.float32(np.clip(least, 0, np.percentile(light, 1)))
 
 
 def _in_cells(grid: BinGrid, cells: BinGrid, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -153,19 +171,6 @@ def _leaps(fringes: _Fringes, axis: int, edge: NDArray[np.bool_]) -> Leaps:
 def _neighbours(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Each value but the last, and the one behind it."""
     return (values[:, :-1], values[:, 1:]) if axis else (values[:-1], values[1:])
-
-
-def _lie_in_most_windows(
-    cells: BinGrid, edges: list[NDArray[np.bool_]], inside: NDArray[np.bool_]
-) -> bool:
-    """Whether most cells lie in windows of edges: within two of their deviations."""
-    either = np.zeros(inside.shape, np.uint8)
-    across, down = edges
-    either[:, 1:] |= across
-    either[1:] |= down
-    high, wide = (2 * math.ceil(2 * n * WIDTH) + 1 for n in cells.fringe[::-1])
-    near = cv2.dilate(either, np.ones((high, wide), np.uint8)) > 0
-    return 2 * np.count_nonzero(near & inside) > np.count_nonzero(inside)
 
 
 def _integral(leaps: list[Leaps]) -> NDArray[np.float32]:
