@@ -488,6 +488,14 @@ def test_a_kink_is_deeper_than_smoothing_has_left_it():
     assert abs(crease.depth.value - sharp.max()) < 2 * crease.depth.uncertainty
 
 
+def test_what_is_put_back_is_as_uncertain_as_it_is_deep():
+    left = reconstructed(4e-4 * 10 ** -((X**2 + Y**2) / 6e-3**2), 8e-3 / HALVED / 1.4e-3)
+    cloud = raised(cloud_of(panel(tilt=(0, 0)), noise=1e-6), left)
+    known = np.full((ROWS, COLUMNS), 8e-3, np.float32)
+    (dent,) = inspect(Cloud(cloud.points, cloud.intensity, resolution=known)).dents
+    assert dent.depth.uncertainty > dent.depth.value - left.max() > 0
+
+
 DOUBTED = pytest.mark.xfail(strict=True, reason='is listed as a dent: noise blunts it')
 
 
