@@ -75,7 +75,8 @@ def kind_of(
         return 'crease', ''
     if surely:
         return 'other', 'narrower than the smallest dent'
-    if sizes.length.value < least:
+    # Its length as it is drawn: what noise may have added is no reason to leave it out.
+    if sizes.outline.length[0] < least:
         return 'other', 'may be smaller than the smallest dent'
     if sign < 0:
         return 'bump', ''

@@ -413,6 +413,20 @@ def test_noise_does_not_draw_the_outline_of_a_faint_dent(seed):
         assert abs(seen.value - true) < min(0.4 * true, 3 * seen.uncertainty)
 
 
+def test_noise_makes_no_round_dent_longer():
+    places = [(0.07 * i, 0.05 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    hail = sum(1.5e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / 0.012**2) for x, y in places)
+    lengths = []
+    for seed in range(3):
+        noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(X.shape), (0, 0), 3)
+        cloud = raised(cloud_of(panel(), noise=1e-6), hail + 8e-6 / noise.std() * noise)
+        found = inspect(cloud, SmallestDent(5e-5)).dents
+        assert len(found) == len(places)
+        lengths += [dent.length.value for dent in found]
+    # The longest distances across their outlines are 4 % more.
+    assert np.mean(lengths) == pytest.approx(0.024, rel=0.02)
+
+
 @pytest.mark.parametrize('seed', [0, 1, 2])
 def test_a_length_that_smoothing_draws_out_is_unsure_by_as_much(seed):
     # Noise lets an ellipse of its outline be seen, which sticks out of its upright ends.
