@@ -2,7 +2,8 @@
 
 With sizes on the contour at 10 % of the depth:
 
-- nothing: shallower than the smallest dent; or surely narrower, and outward: a rivet.
+- nothing: shallower than the smallest dent; or outward and surely narrower: a rivet; or outward,
+  cut by the rim of the measured area, and what is seen of it is narrower.
 - *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
   as where a wing's root meets the fuselage; or its bottom is not measured; or the rim of the
   measured area cuts it, and what is seen of it is shallow or narrower than the smallest dent; or
@@ -52,7 +53,9 @@ def kind_of(
     """
     depth, width, least = sizes.depth.value, sizes.width.value, settings.smallest_width
     surely = width + COVERAGE * sizes.width.uncertainty < least
-    if (surely and sign < 0) or depth < settings.smallest_depth:
+    if depth < settings.smallest_depth or (
+        sign < 0 and (surely or (sizes.is_cut and width < least))
+    ):
         return '', ''
     if depth > STEEP * max(width, least):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'
@@ -75,7 +78,8 @@ def kind_of(
         return 'crease', ''
     if surely:
         return 'other', 'narrower than the smallest dent'
-    if sizes.length.value < least:
+    # Its length as it is drawn: what noise may have added is no reason to leave it out.
+    if sizes.outline.length[0] < least:
         return 'other', 'may be smaller than the smallest dent'
     if sign < 0:
         return 'bump', ''

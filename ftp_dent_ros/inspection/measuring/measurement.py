@@ -85,8 +85,8 @@ def _peaks(patch: Patch, values: Map, noise: NDArray) -> tuple[list[tuple[int, i
     noise : ndarray, shape ()
         Of these, metres.
     """
-    # Noise has many places to make a saddle; what was put back may be too much but once.
-    doubt = np.linalg.norm(patch.doubts, axis=0)
+    # Noise has many places to make a saddle; what was put back is too much, or lies elsewhere.
+    doubt = np.abs(patch.doubts).max(axis=0)
     sure, likely = np.hypot(SURE * noise, COVERAGE * doubt), COVERAGE * np.hypot(noise, doubt)
     top = cv2.dilate(values, np.ones((5, 5), np.uint8))
     at = np.argwhere((values == top) & patch.own & (values > 0))

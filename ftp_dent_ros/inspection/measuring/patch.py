@@ -174,7 +174,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     depth = depth - _taken(depth, known, mean, 2)
     window, fits = lattice.windows(own, OF_WAVES)
     is_stated = lattice.resolution is not None
-    depth, first, anywhere = _restored(
+    depth, taken, anywhere = _restored(
         depth, known, (window / step[0], window / step[1]), fits, is_stated
     )
     bridged, unsure, gaps = (
@@ -187,7 +187,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     usual = median_of(around if len(around) else stated.ravel())
     beyond = np.maximum(stated * stated - usual * usual, 0)
     gap_doubt = np.sqrt(np.where(over, unsure, np.float32(0)) ** 2 + beyond)
-    doubts = np.array([first, np.hypot(anywhere, gap_doubt)], np.float32)
+    doubts = np.array([taken, np.hypot(anywhere, gap_doubt)], np.float32)
     passed = _passed(known.shape, step, skin.noise, usual, scale, (window, fits * is_stated))
     level = math.sqrt(np.square(passed).mean())
     share = skin.noise.after(scale, np.minimum(stated, usual)) / skin.noise.after(scale, usual)
@@ -261,9 +261,9 @@ def _restored(
     """
     mean = smoother(known, sigma, 3, 0)
     first = _taken(depth, known, mean, fits)
-    anywhere = np.where(known, np.sqrt(mean(first * first)), np.float32(0))
-    second = _taken(first, known, mean, fits)
-    return depth + is_stated * (first + second), first, anywhere
+    taken = first + _taken(first, known, mean, fits)
+    anywhere = np.where(known, np.sqrt(mean(taken * taken)), np.float32(0))
+    return depth + is_stated * taken, taken, anywhere
 
 
 def _passed(

@@ -92,19 +92,25 @@ def sizes_of(patch: Patch, at: tuple[int, int], skin: Skin) -> Sizes | None:
     wide = (1 + cut) * outline.width
     unsure = skin.uncertainty(*outline.centre, wide)
     again = [_measured(each, at) for each in patch.varied(_FIELDS, unsure)]
-    drawn = [each[0] for each in again if each is not None]
-    if len(drawn) < len(again):
+    if not all(again):
         return None
-    off = np.reshape(drawn, (-1, 2, len(values))) - values
+    drawn = np.reshape([each[0] for each in again if each], (-1, 2, len(values)))
+    off = drawn - values
     off[..., 3] = (off[..., 3] + math.pi / 2) % math.pi - math.pi / 2
     apart = np.square(off[:, 0] - off[:, 1])
     noise = _WIDER**2 * apart[:_FIELDS].mean(axis=0)
-    spread = np.sqrt(noise + apart[_FIELDS:].sum(axis=0))
-    # The length is the longest distance: what would make it shorter than the width, is of both.
-    middle = values[1:3].mean()
-    values[1:3] = max(values[1], middle), min(values[2], middle)
+    # Noise makes a circle longer than wide. How much longer has an angle, as polarised light has:
+    # noise adds the variance of both components to its square (Wardle and Kronberg, ApJ 194, 249,
+    # 1974).
+    longer = (drawn[..., 1] - drawn[..., 2]) * np.exp(2j * drawn[..., 3])
+    added = np.square(np.abs(longer[:_FIELDS, 0] - longer[:_FIELDS, 1])).mean()
+    values[1] = values[1:3].mean() + math.sqrt(max(np.ptp(values[1:3]) ** 2 - added, 0)) / 2
     # Outlines that are carried on or smoothed are unsure of lengths and widths, twice of areas.
-    spread = np.hypot(spread, outline.unsure * values * (0, 1, 1, 0, 2, 0))
+    spread = np.sqrt(
+        noise
+        + apart[_FIELDS:].sum(axis=0)
+        + np.square(outline.unsure * values * (0, 1, 1, 0, 2, 0))
+    )
     depth, length, width, angle, area, volume = (
         Estimate(float(value), float(each)) for value, each in zip(values, spread, strict=True)
     )

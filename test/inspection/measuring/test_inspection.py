@@ -413,6 +413,20 @@ def test_noise_does_not_draw_the_outline_of_a_faint_dent(seed):
         assert abs(seen.value - true) < min(0.4 * true, 3 * seen.uncertainty)
 
 
+def test_noise_makes_no_round_dent_longer():
+    places = [(0.07 * i, 0.05 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    hail = sum(1.5e-4 * 10 ** -(((X - x) ** 2 + (Y - y) ** 2) / 0.012**2) for x, y in places)
+    lengths = []
+    for seed in range(3):
+        noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(X.shape), (0, 0), 3)
+        cloud = raised(cloud_of(panel(), noise=1e-6), hail + 8e-6 / noise.std() * noise)
+        found = inspect(cloud, SmallestDent(5e-5)).dents
+        assert len(found) == len(places)
+        lengths += [dent.length.value for dent in found]
+    # The longest distances across their outlines are 4 % more.
+    assert np.mean(lengths) == pytest.approx(0.024, rel=0.02)
+
+
 @pytest.mark.parametrize('seed', [0, 1, 2])
 def test_a_length_that_smoothing_draws_out_is_unsure_by_as_much(seed):
     # Noise lets an ellipse of its outline be seen, which sticks out of its upright ends.
@@ -486,6 +500,14 @@ def test_a_kink_is_deeper_than_smoothing_has_left_it():
     assert left.max() < 0.89 * sharp.max()
     assert crease.depth.value == pytest.approx(sharp.max(), rel=0.04)
     assert abs(crease.depth.value - sharp.max()) < 2 * crease.depth.uncertainty
+
+
+def test_what_is_put_back_is_as_uncertain_as_it_is_deep():
+    left = reconstructed(4e-4 * 10 ** -((X**2 + Y**2) / 6e-3**2), 8e-3 / HALVED / 1.4e-3)
+    cloud = raised(cloud_of(panel(tilt=(0, 0)), noise=1e-6), left)
+    known = np.full((ROWS, COLUMNS), 8e-3, np.float32)
+    (dent,) = inspect(Cloud(cloud.points, cloud.intensity, resolution=known)).dents
+    assert dent.depth.uncertainty > dent.depth.value - left.max() > 0
 
 
 DOUBTED = pytest.mark.xfail(strict=True, reason='is listed as a dent: noise blunts it')
