@@ -49,22 +49,36 @@ def test_errors_on_dirt_are_as_stated():
     assert 0.5 < np.sqrt(np.mean(np.square(ratio))) < 1.5
 
 
-@pytest.mark.parametrize('fringes', [1.0, 1.5, 2.5, 4.0])
-def test_printed_squares_of_some_fringes_are_measured(fringes):
-    wide = replace(PATTERN, period_px=32.0)
+def printed(pattern, fringes, albedo):
+    """A board of squares that are so many fringes wide."""
     squares = Print(
-        albedo_beyond=(0.1, 0.1, 0.1),
+        albedo_beyond=3 * (albedo,),
         ink=np.tile(np.eye(2, dtype=bool), (40, 40)),
-        pixel=fringes * 32 * DEPTH / 940,
+        pixel=fringes * pattern.period_px * DEPTH / 940,
         origin=(-0.2, -0.2),
     )
     board = panel(half=0.2, dents=(), paint=squares)
-    seen = Scene.of(board, projected=wide.draw())
+    return Scene.of(board, projected=pattern.draw())
+
+
+@pytest.mark.parametrize('fringes', [1.0, 1.5, 2.5, 4.0])
+def test_printed_squares_of_some_fringes_are_measured(fringes):
+    wide = replace(PATTERN, period_px=32.0)
+    seen = printed(wide, fringes, 0.1)
     cloud, errors, _ = measured(seen, wide)
     radian = 1e3 * DEPTH**2 * 32 / (940 * 0.2 * 2 * np.pi)
     assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.8
     assert errors.mean() < 0.04 * radian
     assert not inspect(cloud).dents
+
+
+@pytest.mark.parametrize('black', [0, 8])
+def test_the_light_that_a_camera_adds_is_not_that_of_black_paint(black):
+    seen = printed(PATTERN, 4.0, 0.07)
+    seen = replace(seen, image=np.rint(0.85 * seen.image + black).astype(np.uint8))
+    cloud, errors, _ = measured(seen)
+    assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.88
+    assert errors.mean() < 0.01
 
 
 def test_two_skins_one_behind_the_other_are_numbered_by_the_code_or_left_out():

@@ -210,5 +210,6 @@ def _check_light(clipped: NDArray[np.bool_], fringes: NDArray[np.bool_]) -> None
     if not fringes.any():
         raise TooDarkError(
             'no part of the image shows fringes of the given pattern: switch the projector on, '
-            'come closer, expose longer, or give the pattern that is projected (pattern.yaml)'
+            'face the skin, come closer, expose longer, or give the pattern that is projected '
+            '(pattern.yaml)'
         )

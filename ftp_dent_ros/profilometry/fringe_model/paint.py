@@ -1,4 +1,4 @@
-"""Paint whose edges lie in most windows: the albedo where it leaps, divided out of the light.
+"""Paint with an edge in each window: the albedo where it leaps, divided out of the light.
 
 Fringes change the light slowly, printed squares and letters at once. What the light's logarithm
 leaps by, and fringes cannot, are the albedo's gradients (eq. 13).
@@ -18,7 +18,7 @@ from scipy.fft import dctn, idctn
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.fringe_model.bins import ROWS, WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, ROWS, WIDTH, BinGrid
 from ftp_dent_ros.profilometry.fringe_model.light import Light
 from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, FAINTEST, Start
 from ftp_dent_ros.robust import deviation
@@ -52,8 +52,8 @@ def divide_paint(
     Returns
     -------
     light : Light
-        That of skin of the mean albedo if it explains the light of most windows twice as well;
-        otherwise the given one.
+        That of skin of the mean albedo, if a fit leaves half as much of it in a window, in the
+        geometric mean; otherwise the given one.
     start : Start
         The first fit to it.
     """
@@ -64,15 +64,14 @@ def divide_paint(
     fine = light.unbroken
     if cells != grid:
         fine = Light.of(photograph, cells, light.has_stripe).unbroken
-    black = _black_level(*(each[_FEW] for each in (start.amplitude, start.level, lit, fine)))
-    fine = fine - black
-    shown, fitted = light, replace(start, level=start.level - black)
+    black = _black_level(start.amplitude[lit], start.level[lit], fine)
+    fine, fitted = fine - black, replace(start, level=start.level - black)
     inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
     for off in _OFF:
         fringes = _Fringes.of(grid, cells, fitted, fine)
         edges = [_edges(cells, fringes, axis, inside, off) for axis in (1, 0)]
         # Less than one in a window is not worth the time.
-        if sum(map(np.count_nonzero, edges)) * cells.bins_in_window < np.count_nonzero(inside):
+        if sum(map(np.count_nonzero, edges)) * cells.bins_in_window <= np.count_nonzero(inside):
             return light, start
         paint = _integral([_leaps(fringes, axis, edges[1 - axis]) for axis in (1, 0)])
         paint -= paint[inside].mean()
@@ -80,18 +79,22 @@ def divide_paint(
         shown = Light.of(photograph, grid, light.has_stripe, albedo, black)
         fitted = fit(shown)
     before, after = (
-        np.median((each.own.rest / np.square(each.own.swing))[lit]) for each in (start, fitted)
+        np.log((own.rest + ROUNDING) / np.square(np.maximum(own.swing, FAINTEST)))[lit].mean()
+        for own in (start.own, fitted.own)
     )
-    return (shown, fitted) if 2 * after < before else (light, start)
+    return (shown, fitted) if after < before - math.log(2) else (light, start)
 
 
-def _black_level(amplitude, level, lit, light) -> np.float32:
+def _black_level(
+    amplitude: NDArray[np.float32], level: NDArray[np.float32], light: NDArray[np.float32]
+) -> float:
     """Light that the camera shows where none is: the level that darker and darker paint nears.
 
     Windows of edges show less amplitude, which makes it too high; but no light is darker.
     """
-    _, least = np.polyfit(amplitude[lit], level[lit], 1)
-    return np.float32(np.clip(least, 0, np.percentile(light, 1)))
+    (spread, both), _ = np.cov(amplitude, level, bias=True)
+    least = level.mean() - amplitude.mean() * both / max(spread, FAINTEST)
+    return float(np.clip(least, 0, np.percentile(light[_FEW], 1)))
 
 
 def _in_cells(grid: BinGrid, cells: BinGrid, nodes: NDArray[np.float32]) -> NDArray[np.float32]:
