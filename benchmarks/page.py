@@ -14,7 +14,8 @@ _HEAD = """\
 
 `make figures` writes this page: do not edit. Values are means of so many draws, ± their standard
 deviation; `all` is the mean of a table's rows, and of "off" their median. Everything is simulated
-but what is `given`, which was made elsewhere: `eval` by another renderer, `real` with a camera.
+but what is `given`, which was made elsewhere: `eval` by another renderer, `real` with a camera; in
+`real/calibration` the fringes are drawn, and the board, its light and the camera's noise are real.
 
 - Coverage: of the lit skin. MAE, and what 95 % of the errors are below: along the rays.
 - Error / sigma: root mean square of the points' errors over their stated uncertainty. Rms less:
