@@ -44,7 +44,7 @@ class Noise:
     ratios, common : ndarray, shape (n,)
         Of the first part after them to `stated`; and the second part, metres.
     stated : ndarray, shape (n, rows, columns), float32
-        What the cloud states of the lattice's cells, calibrated, and its root mean squares over
+        What the cloud states of the lattice's cells, calibrated, and its geometric means over
         each Gaussian, metres.
     window : float
         Standard deviation of the cloud's windows, metres.
@@ -192,12 +192,12 @@ def measured_noise(
     usual = median_of(stated[sample])
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
     window, fits = lattice.windows(sample, OF_NOISE)
-    # In a mean of independent values their variances count by the squares of the weights.
-    squares = [
-        smoother(known, lattice.cells(scale / math.sqrt(2)), least=0)(stated**2)
+    # A mean takes the noise of all about it; by logarithms, for one doubted place is not all.
+    levels = [
+        smoother(known, lattice.cells(scale / math.sqrt(2)), least=0)(np.log(stated))
         for scale in scales
     ]
-    over = [stated, *(np.where(np.isnan(each), stated, np.sqrt(each)) for each in squares)]
+    over = [stated, *(np.where(np.isnan(each), stated, np.exp(each)) for each in levels)]
     found = []
     for smooth, scale, each in zip((deviation, *maps), (0.0, *scales), over, strict=True):
         # What is stated of rough cells is there, at least.
