@@ -44,8 +44,8 @@ class Noise:
     ratios, common : ndarray, shape (n,)
         Of the first part after them to `stated`; and the second part, metres.
     stated : ndarray, shape (n, rows, columns), float32
-        What the cloud states of the lattice's cells, calibrated, and its geometric means over
-        each Gaussian, metres.
+        What the cloud states of the lattice's cells, calibrated, and of the bare skin that each
+        Gaussian takes in, metres.
     window : float
         Standard deviation of the cloud's windows, metres.
     fits : int
@@ -107,8 +107,14 @@ class Noise:
         Of a normal field (Adler, The Geometry of Random Fields, 1981): the expected number of its
         excursions, of both signs.
         """
-        frequency = sum(white_noise(s / self.window, self.fits)[1] for s in self.scales[1:])
-        places = 2 * (2 * math.pi) ** -1.5 * frequency / self.window**2
+        places = (
+            2
+            * (2 * math.pi) ** -1.5
+            * sum(
+                white_noise(scale / self.window, self.fits)[1] / self.window**2
+                for scale in self.scales[1:]
+            )
+        )
         level = 5.0
         for _ in range(10):
             level = math.sqrt(2 * math.log(max(places * level / rate, math.e)))
@@ -192,21 +198,16 @@ def measured_noise(
     usual = median_of(stated[sample])
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
     window, fits = lattice.windows(sample, OF_NOISE)
-    # A mean takes the noise of all about it; by logarithms, for one doubted place is not all.
-    levels = [
-        smoother(known, lattice.cells(scale / math.sqrt(2)), least=0)(np.log(stated))
-        for scale in scales
-    ]
-    over = [stated, *(np.where(np.isnan(each), stated, np.exp(each)) for each in levels)]
+    over = [stated, *(_over(stated, known, sample, *lattice.cells(scale)) for scale in scales)]
     found = []
     for smooth, scale, each in zip((deviation, *maps), (0.0, *scales), over, strict=True):
         # What is stated of rough cells is there, at least.
         white = _left(math.hypot(scale, max(lattice.spacing) / math.sqrt(12)) / window, fits)
         ratio = max(white, _strayed(smooth / each, rough))
-        shown, first = _strayed(smooth, calm), ratio * median(each.ravel()[calm])
-        alike = math.sqrt(max(shown**2 - first**2, _LEAST**2))
-        freedom = _freedom(smooth / combined(alike, ratio * each), sample)
-        found.append((ratio if scale else ratio / white, alike, freedom))
+        alike = _strayed(smooth, calm) ** 2 - (ratio * median(each.ravel()[calm])) ** 2
+        alike = math.sqrt(max(alike, _LEAST**2))
+        strayed = smooth / combined(alike, ratio * each)
+        found.append((ratio if scale else ratio / white, alike, _freedom(strayed[sample])))
     ratios, common, freedom = np.array(found).T
     return Noise(
         np.array((0.0, *scales)),
@@ -239,16 +240,30 @@ def _calibrated(stated: Map, smooth: Map, sample: Mask) -> Map:
     return stated * np.float32(np.exp(np.interp(np.log(stated), level, rising) - rising[7]))
 
 
-def _freedom(strayed: Map, sample: Mask) -> float:
+def _over(stated: Map, known: Mask, bare: Mask, x: float, y: float) -> Map:
+    """What is stated of the bare skin in a Gaussian mean, whose deviation is `x` and `y` cells.
+
+    Of a dent's own cells more is stated than the skin has, for it bends the fringes. By
+    logarithms, for one doubted place is not all. A mean of half as many cells, as at a rim, has
+    twice the variance.
+    """
+    share = cv2.GaussianBlur(
+        np.float32(known), (0, 0), x, sigmaY=y, borderType=cv2.BORDER_CONSTANT
+    )
+    level = smoother(bare, (x / math.sqrt(2), y / math.sqrt(2)), least=0)(np.log(stated))
+    return np.where(np.isnan(level), stated, np.exp(level) / np.sqrt(np.fmax(share, 0.5)))
+
+
+def _freedom(strayed: NDArray) -> float:
     """Degrees of freedom of Student's t by the kurtosis, on the side that has less of it.
 
     Dents stray to one side, noise to both.
     """
-    some = strayed[sample & np.isfinite(strayed)]
     # One more to each side: there may be none.
-    squares = (np.append(side[side > 0], 1) ** 2 for side in (some, -some))
-    kurtosis = min(np.mean(each**2) / np.mean(each) ** 2 for each in squares)
-    return float(4 + 6 / max(kurtosis - 3, 1e-3))
+    squares = (np.append(side[side > 0], 1) ** 2 for side in (strayed, -strayed))
+    return float(
+        4 + 6 / max(min(np.mean(each**2) / np.mean(each) ** 2 for each in squares) - 3, 1e-3)
+    )
 
 
 def _some(mask: Mask) -> NDArray[np.intp]:

@@ -37,12 +37,12 @@ def test_noise_passes_the_threshold_as_often_as_is_stated(reach):
     assert abs(passed - expected) < 3 * math.sqrt(expected)
 
 
-def noise_of(field, stated):
-    """Noise, measured in a field of which a cloud states something."""
+def noise_of(field, stated, bare=True):
+    """Noise, measured in a field of which a cloud states something, where the skin is bare."""
     known, points = np.ones(field.shape, bool), np.zeros((*field.shape, 3), np.float32)
     spacing = (CELL, CELL)
     lattice = Lattice(points, known, stated, None, 1, spacing, np.zeros(3), points, known)
-    return measured_noise(field, [field], known, lattice, (CELL,))
+    return measured_noise(field, [field], known & bare, lattice, (CELL,))
 
 
 def wider_for(field):
@@ -75,6 +75,16 @@ def test_noise_that_differs_more_than_is_stated_is_known_where_it_is_calm_and_ro
     ratio = noise.after(CELL) / true
     assert np.abs(np.log(ratio)).mean() < 0.1
     assert np.median(noise.tested(CELL) / noise.after(CELL)) < 1.1
+
+
+def test_noise_over_a_dent_is_that_of_the_skin_beside_it_and_more_at_rims():
+    field = np.random.default_rng(5).standard_normal((CELLS, CELLS), np.float32) / 1e4
+    stated, bare = np.full_like(field, 1e-4), np.ones(field.shape, bool)
+    dent = 500, slice(499, 502)
+    stated[dent], bare[dent] = 1e-3, False
+    after = noise_of(field, stated, bare).after(CELL)
+    assert after[500, 500] < 1.1 * np.median(after)
+    assert np.median(after[:, 0]) > 1.15 * np.median(after)
 
 
 def test_every_stride_has_the_same_list():
