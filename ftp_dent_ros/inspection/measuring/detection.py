@@ -56,12 +56,11 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
     least = settings.smallest_depth
     significant = skin.noise.significant(RATE)
     evidence, height = np.zeros((2, *known.shape), np.float32), np.zeros(known.shape, np.float32)
-    base, lowest = np.full(known.shape, np.inf), np.array(np.inf)
-    stated = skin.noise.stated, median(skin.noise.stated[known])
+    base, lowest = np.full(known.shape, np.inf), math.inf
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         wavy = skin.wavy(TENTH * scale)
-        spread, usual = (combined(skin.noise.tested(scale, each), wavy) for each in stated)
-        unsure = spread
+        spread = unsure = combined(skin.noise.tested(scale), wavy)
+        usual = median(spread[known])
         if gaps.any():
             mean = smoother(known | gaps, lattice.cells(scale))
             smooth, unsure = mean(bridged), combined(spread, mean(doubt))
@@ -70,7 +69,7 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
             deep = sign * smooth
             np.fmax(evidence[side], deep / unsure, out=evidence[side], where=deep > LEAST * least)
         # Wider means have less noise, and more of what is not known of the waves below a dent.
-        if np.maximum(usual, least / significant) < lowest:
+        if max(usual, least / significant) < lowest:
             base, height, lowest = spread, smooth, usual
     found = []
     for side, sign in enumerate((1, -1)):

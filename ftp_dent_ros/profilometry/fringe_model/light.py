@@ -63,10 +63,6 @@ class Light:
         sharp = planes
         if photograph.mosaic:
             sharp = [cv2.filter2D(each, -1, _SIX_POINTS) for each in planes]
-        if albedo is not None:
-            sharp = [(each - np.float32(black / photograph.unit)) / albedo for each in sharp]
-        colours = [grid.binned(each) * np.float32(photograph.unit) for each in sharp]
-        shares = _MOSAIC if photograph.mosaic else _LUMA
         usable = np.ones(grid.shape, np.float32)
         full = FULL * photograph.white
         if photograph.highest > full:
@@ -74,8 +70,11 @@ class Light:
             usable = (grid.binned(clipped.astype(np.uint8)) < _FEW).astype(np.float32)
         weight = usable
         if albedo is not None:
+            sharp = [(each - np.float32(black / photograph.unit)) / albedo for each in sharp]
             bins = grid.binned(albedo)
             weight = usable * np.square(bins / bins.max())
+        colours = [grid.binned(each) * np.float32(photograph.unit) for each in sharp]
+        shares = _MOSAIC if photograph.mosaic else _LUMA
         return cls(colours, shares if len(planes) > 1 else (1.0,), usable, weight, has_stripe)
 
     @property

@@ -1,4 +1,4 @@
-"""Paint with an edge in each window: the albedo where it leaps, divided out of the light.
+"""Paint whose edges lie in many windows: the albedo where it leaps, divided out of the light.
 
 Fringes change the light slowly, printed squares and letters at once. What the light's logarithm
 leaps by, and fringes cannot, are the albedo's gradients (eq. 13).
@@ -18,8 +18,9 @@ from scipy.fft import dctn, idctn
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, ROWS, WIDTH, BinGrid
+from ftp_dent_ros.profilometry.fringe_model.bins import ROUNDING, ROWS, WIDTH, BinGrid, dilated
 from ftp_dent_ros.profilometry.fringe_model.light import Light
+from ftp_dent_ros.profilometry.fringe_model.local_fit import LocalFit
 from ftp_dent_ros.profilometry.fringe_model.start import DEVIATION, FAINTEST, Start
 from ftp_dent_ros.robust import deviation
 
@@ -61,28 +62,29 @@ def divide_paint(
     lit = start.own.swing > FAINTEST
     if not lit.any():
         return light, start
-    fine = light.unbroken
-    if cells != grid:
-        fine = Light.of(photograph, cells, light.has_stripe).unbroken
+    fine = (light if cells == grid else Light.of(photograph, cells, light.has_stripe)).unbroken
     black = _black_level(start.amplitude[lit], start.level[lit], fine)
     fine, fitted = fine - black, replace(start, level=start.level - black)
     inside = _in_cells(grid, cells, (~grid.within(~lit, 2 * WIDTH)).astype(np.float32)) > 0.5
     for off in _OFF:
         fringes = _Fringes.of(grid, cells, fitted, fine)
         edges = [_edges(cells, fringes, axis, inside, off) for axis in (1, 0)]
-        # Less than one in a window is not worth the time.
-        if sum(map(np.count_nonzero, edges)) * cells.bins_in_window <= np.count_nonzero(inside):
+        either = np.pad(edges[0], ((0, 0), (1, 0))) | np.pad(edges[1], ((1, 0), (0, 0)))
+        near = dilated(either, *(math.ceil(2 * WIDTH * n) for n in cells.fringe[::-1]))
+        # Fewer are not worth the time.
+        if 3 * np.count_nonzero(near & inside) <= np.count_nonzero(inside):
             return light, start
         paint = _integral([_leaps(fringes, axis, edges[1 - axis]) for axis in (1, 0)])
-        paint -= paint[inside].mean()
-        albedo = cells.at_pixels(np.exp(paint))
+        albedo = cells.at_pixels(np.exp(paint - paint[inside].mean()))
         shown = Light.of(photograph, grid, light.has_stripe, albedo, black)
         fitted = fit(shown)
-    before, after = (
-        np.log((own.rest + ROUNDING) / np.square(np.maximum(own.swing, FAINTEST)))[lit].mean()
-        for own in (start.own, fitted.own)
-    )
+    before, after = (_unexplained(each.own, lit) for each in (start, fitted))
     return (shown, fitted) if after < before - math.log(2) else (light, start)
+
+
+def _unexplained(fit: LocalFit, lit: NDArray[np.bool_]) -> float:
+    """Logarithm of the light that a fit leaves, over that of its fringes, the mean of windows."""
+    return float(np.log((fit.rest + ROUNDING) / np.maximum(fit.swing, FAINTEST) ** 2)[lit].mean())
 
 
 def _black_level(
