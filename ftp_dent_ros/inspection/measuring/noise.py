@@ -107,15 +107,8 @@ class Noise:
         Of a normal field (Adler, The Geometry of Random Fields, 1981): the expected number of its
         excursions, of both signs.
         """
-        places = (
-            2
-            * (2 * math.pi) ** -1.5
-            * sum(
-                white_noise(scale / self.window, self.fits)[1] / self.window**2
-                for scale in self.scales[1:]
-            )
-        )
-        level = 5.0
+        frequency = sum(white_noise(s / self.window, self.fits)[1] for s in self.scales[1:])
+        level, places = 5.0, 2 * (2 * math.pi) ** -1.5 * frequency / self.window**2
         for _ in range(10):
             level = math.sqrt(2 * math.log(max(places * level / rate, math.e)))
         return level
