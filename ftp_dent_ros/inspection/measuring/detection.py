@@ -56,11 +56,12 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
     least = settings.smallest_depth
     significant = skin.noise.significant(RATE)
     evidence, height = np.zeros((2, *known.shape), np.float32), np.zeros(known.shape, np.float32)
-    base, lowest = np.full(known.shape, np.inf), math.inf
+    base, lowest = np.full(known.shape, np.inf), np.array(np.inf)
+    stated = skin.noise.stated, median(skin.noise.stated[known])
     for smooth, scale in zip(skin.maps, skin.noise.scales[1:], strict=True):
         wavy = skin.wavy(TENTH * scale)
-        spread = unsure = combined(skin.noise.tested(scale), wavy)
-        usual = median(spread[known])
+        spread, usual = (combined(skin.noise.tested(scale, each), wavy) for each in stated)
+        unsure = spread
         if gaps.any():
             mean = smoother(known | gaps, lattice.cells(scale))
             smooth, unsure = mean(bridged), combined(spread, mean(doubt))
@@ -69,7 +70,7 @@ def find_places(skin: Skin, lattice: Lattice, settings: SmallestDent) -> list[Pl
             deep = sign * smooth
             np.fmax(evidence[side], deep / unsure, out=evidence[side], where=deep > LEAST * least)
         # Wider means have less noise, and more of what is not known of the waves below a dent.
-        if max(usual, least / significant) < lowest:
+        if np.maximum(usual, least / significant) < lowest:
             base, height, lowest = spread, smooth, usual
     found = []
     for side, sign in enumerate((1, -1)):

@@ -34,18 +34,17 @@ Mask = NDArray[np.bool_]
 class Noise:
     """Standard deviation of the deviation map after Gaussian means.
 
-    Two parts, both measured at each scale: one rises with what the cloud states of each place, the
-    other is everywhere alike.
+    Two parts, both measured at each scale: one is as large as the cloud states of each place, in
+    some ratio, the other is everywhere alike.
 
     Attributes
     ----------
     scales : ndarray, shape (n,)
         Standard deviations of the Gaussians, metres, the first 0.
     ratios, common : ndarray, shape (n,)
-        Of the first part after them to `stated`; and the second part, metres.
-    stated : ndarray, shape (n, rows, columns), float32
-        What the cloud states of the lattice's cells, calibrated, and of the bare skin that each
-        Gaussian takes in, metres.
+        Of the first part after them to what the cloud states; and the second part, metres.
+    stated : ndarray, shape (rows, columns), float32
+        Of the lattice's cells, metres.
     window : float
         Standard deviation of the cloud's windows, metres.
     fits : int
@@ -73,13 +72,13 @@ class Noise:
     def after(self, scale: float, stated: NDArray | float | None = None) -> NDArray:
         """Standard deviation after a Gaussian of `scale` metres, of each cell, metres.
 
-        Or where it is `stated`, one number or a map.
+        Or where the cloud states `stated`.
         """
         ratio, alike = (
             np.float32(np.interp(scale, self.scales, each)) for each in (self.ratios, self.common)
         )
-        at = np.searchsorted(self.scales, scale, 'right') - 1
-        return combined(alike, ratio * (self.stated[at] if stated is None else stated))
+        stated = self.stated if stated is None else stated
+        return combined(alike, ratio * stated)
 
     def spectrum(self, square: NDArray, cell: float, stated: float) -> NDArray:
         """Of each frequency, what there is in points: of white noise of the variance 1, metres.
@@ -107,8 +106,9 @@ class Noise:
         Of a normal field (Adler, The Geometry of Random Fields, 1981): the expected number of its
         excursions, of both signs.
         """
-        frequency = sum(white_noise(s / self.window, self.fits)[1] for s in self.scales[1:])
-        level, places = 5.0, 2 * (2 * math.pi) ** -1.5 * frequency / self.window**2
+        frequencies = [white_noise(s / self.window, self.fits)[1] for s in self.scales[1:]]
+        places = 2 * (2 * math.pi) ** -1.5 * sum(frequencies) / self.window**2
+        level = 5.0
         for _ in range(10):
             level = math.sqrt(2 * math.log(max(places * level / rate, math.e)))
         return level
@@ -134,9 +134,10 @@ def smoother(
     least : float
         Valid part of the weights up to which the mean is NaN.
     """
+    size = [2 * math.ceil(reach * sigma) + 1 for sigma in cells]
     blurred = partial(
         cv2.GaussianBlur,
-        ksize=[2 * math.ceil(reach * sigma) + 1 for sigma in cells],
+        ksize=size,
         sigmaX=cells[0],
         sigmaY=cells[1],
         borderType=cv2.BORDER_CONSTANT,
@@ -177,86 +178,44 @@ def measured_noise(
     bare : ndarray, shape (rows, columns), bool
         Skin without dents.
     lattice : Lattice
-        Its `sigma` is what the cloud states, if it does.
+        Its `sigma` is the first part, if it is known.
     scales : tuple of float
         Metres, rising.
     """
-    known = np.isfinite(deviation)
-    sample = bare & known if (bare & known).sum() >= 100 else known
-    stated = _calibrated(
-        np.full_like(deviation, _LEAST) if lattice.sigma is None else lattice.sigma,
-        maps[0],
-        sample,
-    )
+    sample = bare & np.isfinite(deviation)
+    if sample.sum() < 100:
+        sample = np.isfinite(deviation)
+    stated = np.zeros_like(deviation) if lattice.sigma is None else lattice.sigma
     usual = median_of(stated[sample])
     calm, rough = (_some(sample & each) for each in (stated <= usual, stated >= usual))
     window, fits = lattice.windows(sample, OF_NOISE)
-    over = [stated, *(_over(stated, known, sample, *lattice.cells(scale)) for scale in scales)]
+    cell = max(lattice.spacing) / math.sqrt(12)
     found = []
-    for smooth, scale, each in zip((deviation, *maps), (0.0, *scales), over, strict=True):
-        # What is stated of rough cells is there, at least.
-        white = _left(math.hypot(scale, max(lattice.spacing) / math.sqrt(12)) / window, fits)
-        ratio = max(white, _strayed(smooth / each, rough))
-        alike = _strayed(smooth, calm) ** 2 - (ratio * median(each.ravel()[calm])) ** 2
+    for smooth, scale in zip((deviation, *maps), (0.0, *scales), strict=True):
+        # What is stated is there, at least.
+        ratio = white = _left(math.hypot(scale, cell) / window, fits)
+        if lattice.sigma is not None:
+            ratio = max(white, _strayed(smooth / stated, rough))
+        alike = _strayed(smooth, calm) ** 2 - (ratio * median(stated.ravel()[calm])) ** 2
         alike = math.sqrt(max(alike, _LEAST**2))
-        strayed = smooth / combined(alike, ratio * each)
-        found.append((ratio if scale else ratio / white, alike, _freedom(strayed[sample])))
+        strayed = smooth / combined(alike, ratio * stated)
+        found.append((ratio if scale else ratio / white, alike, _freedom(strayed, sample)))
     ratios, common, freedom = np.array(found).T
-    return Noise(
-        np.array((0.0, *scales)),
-        ratios,
-        np.minimum.accumulate(common),
-        np.array(over),
-        window,
-        fits,
-        freedom,
-    )
+    falling = np.minimum.accumulate(common)
+    return Noise(np.array((0.0, *scales)), ratios, falling, stated, window, fits, freedom)
 
 
-def _calibrated(stated: Map, smooth: Map, sample: Mask) -> Map:
-    """What is stated of cells, corrected by how far a mean strays, from calm cells to rough ones.
-
-    What a cloud states is a mean over many windows, and of all octaves: noise differs more from
-    place to place than that does. So each tenth of the cells has a ratio of its own, which does
-    not fall from calm cells to rough ones: at rims, more is stated than a mean shows. It is the
-    isotonic regression (Barlow et al., Statistical Inference under Order Restrictions, 1972).
-    The median of the rough half stays as it is stated.
-    """
-    cells = _some(sample & np.isfinite(smooth))
-    tenths = np.array_split(cells[np.argsort(stated.ravel()[cells])], 10)
-    level = np.log([median(stated.ravel()[each]) for each in tenths])
-    ratio = np.log([max(_strayed(smooth, each), _LEAST) for each in tenths]) - level
-    rising = [
-        max(min(ratio[i:k].mean() for k in range(j + 1, 11)) for i in range(j + 1))
-        for j in range(10)
-    ]
-    return stated * np.float32(np.exp(np.interp(np.log(stated), level, rising) - rising[7]))
-
-
-def _over(stated: Map, known: Mask, bare: Mask, x: float, y: float) -> Map:
-    """What is stated of the bare skin in a Gaussian mean, whose deviation is `x` and `y` cells.
-
-    Of a dent's own cells more is stated than the skin has, for it bends the fringes. By
-    logarithms, for one doubted place is not all. A mean of half as many cells, as at a rim, has
-    twice the variance.
-    """
-    share = cv2.GaussianBlur(
-        np.float32(known), (0, 0), x, sigmaY=y, borderType=cv2.BORDER_CONSTANT
-    )
-    level = smoother(bare, (x / math.sqrt(2), y / math.sqrt(2)), least=0)(np.log(stated))
-    return np.where(np.isnan(level), stated, np.exp(level) / np.sqrt(np.fmax(share, 0.5)))
-
-
-def _freedom(strayed: NDArray) -> float:
+def _freedom(strayed: Map, sample: Mask) -> float:
     """Degrees of freedom of Student's t by the kurtosis, on the side that has less of it.
 
     Dents stray to one side, noise to both.
     """
     # One more to each side: there may be none.
-    squares = (np.append(side[side > 0], 1) ** 2 for side in (strayed, -strayed))
-    return float(
-        4 + 6 / max(min(np.mean(each**2) / np.mean(each) ** 2 for each in squares) - 3, 1e-3)
-    )
+    strayed = np.append(strayed[sample & np.isfinite(strayed)], (-1, 1))
+    square = np.square(np.maximum([strayed, -strayed], 0))
+    count = np.count_nonzero(square, axis=1)
+    kurtosis = count * np.square(square).sum(axis=1) / np.square(square.sum(axis=1))
+    return float(4 + 6 / max(kurtosis.min() - 3, 1e-3))
 
 
 def _some(mask: Mask) -> NDArray[np.intp]:

@@ -158,7 +158,7 @@ def patch_of(place: Place, skin: Skin, lattice: Lattice) -> Patch:
     if skin.relief is not None:
         depth = depth - spread(skin.relief.heights, cv2.INTER_LINEAR)
     zoom = min(1.0, _ACROSS * spacing / width, 3 * _ACROSS / math.sqrt(known.size))
-    maps = cv2.merge([x, y, place.sign * depth, spread(skin.noise.stated[0])])
+    maps = cv2.merge([x, y, place.sign * depth, spread(skin.noise.stated)])
     (x, y, depth, stated), known = _resized(maps, known, zoom)
     owned = (
         np.asarray(
@@ -213,8 +213,9 @@ def _smoothing(
     skin: Skin, depth: Map, stated: Map, known: Mask, finest: float, width: float
 ) -> float:
     """Standard deviation of the smoothing that noise asks for and the width allows, metres."""
-    noise = skin.noise.after(finest, median_of(stated[known]) if known.any() else 0.0)
-    drowned = SURE * float(noise / np.max(depth, initial=1e-9, where=known))
+    usual = median_of(stated[known]) if known.any() else 0.0
+    high = float(np.max(depth, initial=0.0, where=known))
+    drowned = SURE * float(skin.noise.after(finest, usual)) / max(high, 1e-9)
     return max(finest, _WIDEST * width * min(drowned, 1.0))
 
 

@@ -109,7 +109,8 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     # Waves that may feign what a mean has of the smallest dent matter, if they stray more than
     # noise, of which half as wide a mean has twice as much. And where no contour is met, what is
     # wide is as likely the skin's own shape as a dent.
-    half, wide = (median(skin.noise.after(scale)) for scale in scales[1:])
+    usual = median(skin.noise.stated)
+    half, wide = (float(skin.noise.after(scale, usual)) for scale in scales[1:])
     if part.is_met and wide < max(half / math.sqrt(2), LEAST * settings.smallest_depth / SURE):
         return skin
     # Crests of waves stray from the contour as dents do: weights keep them in the relief.
@@ -117,7 +118,7 @@ def bare_skin(lattice: Lattice, part: Segment, seams: Mask, settings: SmallestDe
     for _ in range(2):
         relief = relief_of(skin.deviation, bare, lattice, settings.smallest_width)
         wavy = about(contour, relief, bare)
-        if median(wavy.noise.after(scales[1])) > _LEFT * half:
+        if wavy.noise.after(scales[1], usual) > _LEFT * half:
             return skin
         bare = seen & ~_off(wavy, lattice, settings)
     return wavy
