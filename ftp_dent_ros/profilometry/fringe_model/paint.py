@@ -53,8 +53,8 @@ def divide_paint(
     Returns
     -------
     light : Light
-        That of skin of the mean albedo, if a fit leaves half as much of it in a window, in the
-        geometric mean; otherwise the given one.
+        That of skin of the mean albedo, if the first fit to it leaves less than half of what the
+        one before left in a window, in the geometric mean; otherwise the given one.
     start : Start
         The first fit to it.
     """
@@ -71,7 +71,7 @@ def divide_paint(
         edges = [_edges(cells, fringes, axis, inside, off) for axis in (1, 0)]
         either = np.pad(edges[0], ((0, 0), (1, 0))) | np.pad(edges[1], ((1, 0), (0, 0)))
         near = dilated(either, *(math.ceil(2 * WIDTH * n) for n in cells.fringe[::-1]))
-        # Fewer are not worth the time.
+        # Skin has edges in a fifth of its windows at most, boards in more than two fifths.
         if 3 * np.count_nonzero(near & inside) <= np.count_nonzero(inside):
             return light, start
         paint = _integral([_leaps(fringes, axis, edges[1 - axis]) for axis in (1, 0)])
@@ -90,9 +90,9 @@ def _unexplained(fit: LocalFit, lit: NDArray[np.bool_]) -> float:
 def _black_level(
     amplitude: NDArray[np.float32], level: NDArray[np.float32], light: NDArray[np.float32]
 ) -> float:
-    """Light that the camera shows where none is: the level that darker and darker paint nears.
+    """Grey levels that the camera shows without light: those that ever darker paint comes to.
 
-    Windows of edges show less amplitude, which makes it too high; but no light is darker.
+    Windows of edges show less amplitude, which makes them too high; but no light is darker.
     """
     (spread, both), _ = np.cov(amplitude, level, bias=True)
     least = level.mean() - amplitude.mean() * both / max(spread, FAINTEST)
