@@ -239,9 +239,9 @@ def _on_board(pose: Path, period: float) -> dict[str, Figures]:
     rows: dict[str, Figures] = {}
     board, rig = _LitBoard.of(pose), _calibrated().rig
     row = board.place[..., 1].astype(float)
+    middle = float(np.median(row[board.there]))
     for method, settings in METHODS.items():
         for code in CODES if not settings else ('stripe',):
-            middle = float(np.median(row[board.there]))
             pattern = Pattern(*_PROJECTOR, period, middle, 'v', code=code)
             figures = rows.setdefault(f'{method}, {code}', {})
             with attempt(figures):

@@ -2,8 +2,7 @@
 
 With sizes on the contour at 10 % of the depth:
 
-- nothing: shallower than the smallest dent; or outward and surely narrower: a rivet; or outward,
-  cut by the rim of the measured area, and what is seen of it is narrower.
+- nothing: shallower than the smallest dent; or surely narrower, and outward: a rivet.
 - *other*: the cloud is not sure of the surface there; or it is steeper than skin can be dented,
   as where a wing's root meets the fuselage; or its bottom is not measured; or the rim of the
   measured area cuts it, and what is seen of it is shallow or narrower than the smallest dent; or
@@ -53,9 +52,7 @@ def kind_of(
     """
     depth, width, least = sizes.depth.value, sizes.width.value, settings.smallest_width
     surely = width + COVERAGE * sizes.width.uncertainty < least
-    if depth < settings.smallest_depth or (
-        sign < 0 and (surely or (sizes.is_cut and width < least))
-    ):
+    if (surely and sign < 0) or depth < settings.smallest_depth:
         return '', ''
     if depth > STEEP * max(width, least):
         return 'other', 'too steep for a dent or a bump: the skin turns here, or ends'

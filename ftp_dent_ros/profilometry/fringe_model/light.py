@@ -57,7 +57,7 @@ class Light:
         albedo: NDArray[np.float32] | None = None,
         black: float = 0.0,
     ) -> Light:
-        """Light of a photograph without so many grey levels, over the albedo of its pixels."""
+        """Light of a photograph, less `black` grey levels, over the albedo of its pixels."""
         pixels: Any = photograph.rgb() if photograph.mosaic else photograph.pixels
         planes: Any = [pixels] if pixels.ndim == 2 else cv2.split(pixels)
         sharp = planes

@@ -365,6 +365,17 @@ def test_what_is_surely_narrow_is_in_doubt_inward_and_a_rivet_outward(sign):
     assert kind_of_it(cap) == wanted
 
 
+def test_a_bump_that_the_rim_cuts_is_in_doubt_however_narrow_the_rest_is():
+    rim = X.max() - 0.028
+    bump = -3e-4 * 10 ** -(((X - rim + 0.002) ** 2 + Y**2) / 0.006**2)
+    cloud = raised(cloud_of(panel(), noise=2e-5), bump)
+    cloud.points[X > rim] = np.nan
+    (seen,) = inspect(cloud).others
+    assert seen.kind == 'other'
+    assert seen.is_cut
+    assert seen.width.value < SmallestDent().smallest_width < 0.012
+
+
 def test_a_narrow_valley_is_in_no_list_of_dents_and_in_the_other():
     narrow = 8e-4 * VALLEY * np.exp(-((Y / 2.5e-3) ** 2))
     ((kind, reason),) = kind_of_it(narrow)
