@@ -23,6 +23,7 @@ from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
+from ftp_dent_ros.robust import median
 
 # Of what a point's own light shows, grid points; and the square of the light, by that of the mean,
 # at which this counts half: noise and what is left of the fringes are about 3 % of the light,
@@ -84,16 +85,18 @@ class SkinImager:
             return np.zeros(known.shape, np.uint8)
         depth = np.where(known, cloud.points[..., 2], np.float32(1))
         phase = self.geometry.phase(np.reciprocal(depth, dtype=np.float32))
-        steps = np.abs(np.diff(phase, axis=1))[known[:, 1:] & known[:, :-1]]
-        step = float(np.median(steps)) if steps.size else WIDTH * math.tau
+        few = known[::8]  # these rows show how far fringes are apart
+        steps = np.abs(np.diff(phase[::8], axis=1))[few[:, 1:] & few[:, :-1]]
+        step = median(steps) if steps.size else WIDTH * math.tau
         wide = WIDTH * math.tau / step
         light = self._light(photograph, phase, known, wide)
 
         waveform = waveform or self.waveform
         if self.stride > 1:
             waveform = waveform.in_blur(waveform.variance + (_SHARP * step) ** 2)
-        level, model = _modelled(light, known, waveform.at(phase)[0], wide)
-        model = model * known
+        weight = known.astype(np.float32)
+        level, model = _modelled(light, weight, waveform.at(phase)[0], wide)
+        model *= weight
         rest = _blurred(model * (light - level * model), _OWN)
         skin = level + rest / (_blurred(model * model, _OWN) + np.float32(_HALF))
         # Twice the mean level is the brightest fringe's; 1 is the darkest skin.
@@ -109,12 +112,11 @@ class SkinImager:
     ) -> NDArray[np.float32]:
         """Grey levels at the grid's points; in the stripe, red ones as bright as those around."""
         rgb: Any = photograph.rgb()
-        grey, red = (
-            np.float32(photograph.unit) * self._sampled(plane)
-            for plane in (cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.extractChannel(rgb, 0))
-        )
+        unit = np.float32(photograph.unit)
+        grey = unit * self._sampled(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
         if self.geometry.pattern.code != 'stripe':
             return grey
+        red = unit * self._sampled(cv2.extractChannel(rgb, 0))
         stripe = np.abs(phase) < math.tau  # and what its blur takes of green and blue
         beside = known & ~stripe
         ratio = _blurred(beside * grey, 2 * wide) / np.maximum(
@@ -130,12 +132,16 @@ class SkinImager:
 
 
 def _modelled(
-    light: NDArray[np.float32], known: NDArray[np.bool_], fringes: NDArray[np.float32], wide: float
+    light: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    fringes: NDArray[np.float32],
+    wide: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Level, and the fringes over it, by least squares in Gaussian windows."""
+    seen = weight * fringes
     n, c, cc, s, sc = (
-        _blurred(known * each, wide)
-        for each in (np.ones_like(light), fringes, fringes * fringes, light, light * fringes)
+        _blurred(each, wide)
+        for each in (weight, seen, seen * fringes, weight * light, seen * light)
     )
     inverse = 1 / np.maximum(n * cc - c * c, _LEAST)
     level = np.maximum((s * cc - sc * c) * inverse, _LEAST)
@@ -144,5 +150,9 @@ def _modelled(
 
 
 def _blurred(plane: NDArray, wide: float) -> Any:
-    """Gaussian means; what is outside is zero."""
-    return cv2.GaussianBlur(plane.astype(np.float32), (0, 0), wide, borderType=cv2.BORDER_CONSTANT)
+    """Gaussian means; what is outside is zero. Wide ones see no more on a coarser grid."""
+    size, each = plane.shape[::-1], max(int(wide), 1)
+    few = tuple(-(-n // each) for n in size)
+    coarse = cv2.resize(plane.astype(np.float32), few, interpolation=cv2.INTER_AREA)
+    coarse = cv2.GaussianBlur(coarse, (0, 0), wide / each, borderType=cv2.BORDER_CONSTANT)
+    return cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR)
