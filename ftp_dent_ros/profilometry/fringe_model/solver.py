@@ -152,7 +152,7 @@ class Solver:
         wave, slope, residual, weight = self._misfit(fit)
         if is_robust:
             in_noise = residual * np.sqrt(weight)
-            weight *= _redescending(in_noise, self._limit(in_noise))
+            weight *= _redescending(in_noise * in_noise, self.grid.at_bins(self._scale(in_noise)))
         weight *= self._weight
         slope *= fit.amplitude
         windows = Windows(self.grid, wave, slope, weight)
@@ -205,11 +205,6 @@ class Solver:
             sharpened.append(self.grid.at_bins(sharp))
         return sharpened
 
-    def _limit(self, residual) -> NDArray[np.float32]:
-        """Inverse square of the residuals from which on bins count less (eq. 5)."""
-        scale = np.maximum(self._scale(residual), np.float32(ROUNDING))
-        return self.grid.at_bins(1 / (np.float32(_REDESCENDS**2) * scale))
-
     def _scale(self, residual) -> Any:
         """Mean square of the residuals about the nodes."""
         size = self._about(self._usable * np.abs(residual)) / self._seen
@@ -218,13 +213,13 @@ class Solver:
 
     def _learned(self, fit, numbered, model, residual) -> FringeFit:
         """The fit with response and noise as every few bins together show them (eqs. 4, 5)."""
-        in_noise = residual * np.sqrt(fit.noise.precision(model, fit.level))
-        about = self.grid.at_bins(self._scale(residual)), self._limit(in_noise)
-        bins = fit.phase, fit.amplitude, self._weight, numbered, model, residual, in_noise, *about
-        phase, amplitude, weight, numbered, model, residual, in_noise, scale, limit = (
+        scale = self.grid.at_bins(self._scale(residual))
+        bins = fit.phase, fit.level, fit.amplitude, self._weight, numbered, model, residual, scale
+        phase, level, amplitude, weight, numbered, model, residual, scale = (
             each[::_EVERY, ::_EVERY].ravel() for each in bins
         )
-        weight = weight * (numbered & (amplitude > 1)) * _redescending(in_noise, limit)
+        in_noise = np.square(residual) * fit.noise.precision(model, level)
+        weight = weight * (numbered & (amplitude > 1)) * _redescending(in_noise, scale)
         size = np.maximum(amplitude, 1)
         waveform = fit.waveform.corrected(phase, residual / size, weight * size * size)
         noise = LightNoise.of(model, residual, weight, scale)
@@ -285,10 +280,9 @@ class Solver:
         return cv2.blur(self.grid.at_nodes(bins), size)
 
 
-def _redescending(residual: NDArray[np.float32], limit: NDArray[np.float32]) -> NDArray[Any]:
-    """Weights of residuals (eq. 5)."""
-    far = residual * residual
-    far *= limit
+def _redescending(square: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[Any]:
+    """Weights of squared residuals (eq. 5)."""
+    far = square / (np.float32(_REDESCENDS**2) * np.maximum(scale, np.float32(ROUNDING)))
     far += 1
     far *= far
     return 1 / far
