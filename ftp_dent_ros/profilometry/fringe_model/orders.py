@@ -7,7 +7,6 @@ steps from each fringe to the next; a surface's order is the one whose steps are
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from dataclasses import dataclass, replace
@@ -101,7 +100,9 @@ class _Cells:
         first = math.floor(float(place.min()))
         cell = ((place - first) * _CELLS).astype(int)
         block = np.nonzero(inside)[0] // max(1, round(rows))
-        shape = int(block.max()) + 1, -(-(int(cell.max()) + 1) // _CELLS) * _CELLS
+        # Of whole words.
+        steps = -((_CELLS - 1 - int(cell.max())) // (_FEW * _CELLS)) * _FEW * _CELLS
+        shape = int(block.max()) + 1, max(steps, 0) + _CELLS
         index, w = block * shape[1] + cell, weight[inside]
         total, mean, level, count = (
             np.bincount(index, each, shape[0] * shape[1]).reshape(shape)
@@ -274,7 +275,8 @@ class OrderLikelihood:
         for rows in (1, 2, 4):
             likeliest = np.maximum.reduce(by_gain)
             words = np.maximum(words, likeliest - likeliest[own])
-            by_gain = [x + np.pad(x, ((0, 0), (0, rows), (0, 0)))[:, rows:] for x in by_gain]
+            for each in by_gain:
+                each[:, :-rows] += each[:, rows:]
         words = _shown(words)
         local, lead = np.full(cells.level.shape, best, np.int16), np.float32(0)
         while words.max(initial=0) > math.log(_ODDS):
@@ -335,8 +337,7 @@ class OrderLikelihood:
     def _expected(self, first, count: int):
         """So many steps of the code from fringes of some orders on, shape (orders, count)."""
         where = np.arange(count) + (first[:, None] - self._first) * _CELLS
-        there = (where >= 0) & (where < len(self._steps))
-        return np.where(there, self._steps[np.clip(where, 0, len(self._steps) - 1)], 0)
+        return np.pad(self._steps, 1).take(where + 1, mode='clip')
 
     def _by_row(self, cells: _Cells, orders):
         """Logarithms of the likelihoods of no code and of the orders, for all scatters and gains.
@@ -349,7 +350,7 @@ class OrderLikelihood:
         scatter = np.array(_SCATTERS, np.float32)[:, None, None, None]
         gain = np.array(_GAINS, np.float32)[:, None, None]
         precision = _precision(cells.noise, scatter)
-        none = _student(cells.step * precision)
+        none = _student(1 + np.square(cells.step * precision))
         ratio = np.zeros((len(orders), len(_SCATTERS), len(_GAINS), len(cells.step)), np.float32)
         for each, first in zip(ratio, cells.first + orders - self._first, strict=True):
             # Beyond the code's steps an order is like none.
@@ -357,7 +358,7 @@ class OrderLikelihood:
             here = np.s_[..., low:high]
             step, scale = cells.step[here], precision[here]
             expected = self._steps[low + first * _CELLS :][: step.shape[-1]]
-            each += _student((step - gain * expected) * scale).sum(axis=-1)
+            each += _student(1 + np.square((step - gain * expected) * scale)).sum(axis=-1)
             each -= none[here].sum(axis=-1)
         scale = np.float32(_SAME) * np.log(np.where(precision > 0, precision, 1))
         without = np.repeat((none + scale).sum(axis=-1), len(_GAINS), axis=0)
@@ -365,24 +366,24 @@ class OrderLikelihood:
 
     def _words(self, cells: _Cells, orders, scatter, gain):
         """Logarithm for each word, one row high, under each order: (orders, rows, words)."""
-        of_fringes = self._likelihood(cells, orders, scatter, gain, _CELLS)
-        words: Any = cv2.boxFilter(
-            of_fringes.reshape(-1, of_fringes.shape[2]),
-            -1,
-            (WORD, 1),
-            normalize=False,
-            borderType=cv2.BORDER_CONSTANT,
-        )
-        return _FEW * words.reshape(of_fringes.shape)[..., ::_FEW]
+        some = _FEW * self._likelihood(cells, orders, scatter, gain, _FEW * _CELLS)
+        # A word has the steps before its middle, and as many behind it.
+        words = some.copy()
+        words[..., 1:] += some[..., :-1]
+        return words
 
     def _likelihood(self, cells: _Cells, orders, scatter, gain, together=1):
         """Logarithm for each step under each order, less what all have, (orders, rows, steps).
 
         Of so many steps side by side the sum.
         """
-        expected = np.float32(gain) * self._expected(cells.first + orders, cells.step.shape[1])
-        precision = _precision(cells.noise, np.float32(scatter))
-        return _student((cells.step - expected[:, None]) * precision, together)
+        step, scale = cells.step.T, np.square(_precision(cells.noise, np.float32(scatter))).T
+        expected = np.float32(gain) * self._expected(cells.first + orders, len(step)).T
+        of_cells = np.stack([1 + step * step * scale, -2 * step * scale, scale], axis=-1)
+        of_orders = np.stack([np.ones_like(expected), expected, expected * expected], axis=1)
+        # One logarithm of products takes less time than many.
+        spread = (of_cells @ of_orders).reshape(-1, together, *step.shape[1:], len(orders))
+        return _student(np.multiply.reduce(spread, axis=1)).T
 
 
 def _totals(none, all_rows) -> tuple[NDArray[Any], float]:
@@ -403,15 +404,11 @@ def _precision(noise, scatter):
     return 1 / np.sqrt((noise + np.square(scatter)) * np.float32(_FREEDOM))
 
 
-def _student(x: NDArray[np.float32], together: int = 1) -> NDArray[np.float32]:
-    """Logarithm of Student's t at scaled steps, but for their scale; of so many the sum."""
-    x *= x
-    x += 1
-    # One logarithm of products takes less time than many.
-    x = functools.reduce(np.multiply, (x[..., k::together] for k in range(together)))
-    density: Any = cv2.log(x.reshape(-1, x.shape[-1])) if x.size else x
+def _student(spread: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Logarithm of Student's t, but for its scale, at scaled steps x whose 1 + x^2 is given."""
+    density: Any = cv2.log(spread.reshape(-1, spread.shape[-1])) if spread.size else spread
     density *= np.float32(-(_FREEDOM + 1) / 2 * _SAME)
-    return density.reshape(x.shape)
+    return density.reshape(spread.shape)
 
 
 def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArray[Any]]:
