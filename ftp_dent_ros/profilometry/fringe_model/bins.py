@@ -153,8 +153,8 @@ class BinGrid:
         """Gaussian of so many fringes over values at the nodes; of others along v if given."""
         size, both = nodes.shape[::-1], (fringes, fringes if along_v is None else along_v)
         sigma_u, sigma_v = both[0] * self.fringe[0] / self.node, both[1] * self.fringe[1]
-        # Wide Gaussians see no more on a coarser grid: there twice as wide as the windows.
-        coarse = [max(int(each / (2 * WIDTH)), 1) for each in both]
+        # Wide Gaussians see no more on a coarser grid: there some twice as wide as the windows.
+        coarse = [2 ** max(math.frexp(each / (2 * WIDTH))[1] - 1, 0) for each in both]
         if coarse == [1, 1]:
             return _gaussian(nodes, sigma_u, sigma_v)
         columns, rows = (-(-n // each) for n, each in zip(size, coarse, strict=True))
