@@ -19,8 +19,8 @@ from scipy.fft import irfft
 
 from ftp_dent_ros.pattern.pattern import Pattern
 
-# Samples a fringe: between them F follows its slope, wrong by (pi / 128)^2 / 2 at most.
-_SAMPLES = 128
+# Samples a fringe: between them F follows its slope, wrong by (pi / 64)^2 / 2 at most.
+_SAMPLES = 64
 # Fringes beyond the panel's ends.
 _BEYOND = 4
 # Polynomials of the response, orders 2 to 5.
