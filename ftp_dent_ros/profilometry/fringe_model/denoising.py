@@ -145,9 +145,10 @@ def _shown(
     if not octave:
         return mean.variance((change - mean.flat_top(change, width)) / unit, _AVERAGED * width)
     before = mean.of(change, 0, width / 2)
-    both = before, mean.of(before, 0, width)
-    fine = (mean.variance((x - mean.of(x, width / 2, 0)) / unit, _AVERAGED * width) for x in both)
-    return _white_noise().of_fine(octave, *fine)
+    fine = before - mean.of(before, width / 2, 0)
+    both = fine, mean.of(fine, 0, width)
+    energies = (mean.variance(each / unit, _AVERAGED * width) for each in both)
+    return _white_noise().of_fine(octave, *energies)
 
 
 @dataclass(frozen=True)

@@ -123,11 +123,12 @@ class LightNoise:
         Parameters
         ----------
         light, residual, weight, scale : ndarray, shape (bins,)
-            Light of the model, what it leaves, the weight of that, and the mean square about.
+            Light of the model, what it leaves, the weight of that, and the mean square about,
+            which is not zero.
         """
         powers = np.vander(np.maximum(light, 0).astype(float), 3, increasing=True)
         unit = np.maximum(powers.mean(axis=0), 1)
-        by = np.sqrt(weight) / np.maximum(scale, ROUNDING)
+        by = np.sqrt(weight) / scale
         # Of four rows instead of all bins, which leave the same.
         few = np.linalg.qr(
             np.column_stack([powers / unit, np.square(residual)]) * by[:, None], 'r'

@@ -74,6 +74,7 @@ class Pixels:
         self._grid, self._stride = grid, stride
         self._columns, self._rows = (np.arange(0, n, stride) for n in (grid.width, grid.height))
         self._rays = rays_at(rig.camera, self._columns, self._rows)
+        self._length = np.sqrt(1 + np.square(self._rays).sum(axis=-1))
         self._resolution = np.float32(RESOLVED * grid.period / rig.camera.camera_matrix[0, 0])
 
     def cloud(self, sheets: Sequence[Sheet]) -> Cloud:
@@ -110,7 +111,7 @@ class Pixels:
             (cloud.intensity[rows], amplitude),
             (cloud.sigma[rows], sigma),
             (cloud.resolution[rows], self._resolution * z),
-            (cloud.raw[rows], (raw - z) * np.sqrt(1 + x * x + y * y)),
+            (cloud.raw[rows], (raw - z) * self._length[rows]),
             (cloud.noise[rows], noise),
         ):
             np.copyto(field, values, where=on)

@@ -82,7 +82,7 @@ class Points:
         self._whole = amplitude > _FAINTER * beside
         unusual = np.maximum(rest - _UNUSUAL * fit.scale, 0)
         self._unexplained = 2 * unusual / np.square(np.maximum(amplitude, 1))
-        _, v_p = nodes.meet(self._phase)
+        self._inverse, v_p = nodes.meet(self._phase)
         amplitude = amplitude / nodes.pattern.row_contrast(np.nan_to_num(v_p)).astype(np.float32)
         self._changes = np.log(amplitude / level), np.log(amplitude)
         self.sheets: list[Sheet] = []
@@ -99,13 +99,12 @@ class Points:
     def add(self, inside: NDArray[np.bool_]) -> None:
         """Add the surface of some nodes."""
         grid, fit = self._grid, self._fit
-        inverse, _ = self._nodes.meet(self._phase)
         rim = dilated(self._usable & ~inside, *_BOTH)
-        inside = inside & self._good & np.isfinite(inverse)  # a ray may miss its plane
+        inside = inside & self._good & np.isfinite(self._inverse)  # a ray may miss its plane
         if np.count_nonzero(inside) < LEAST_NODES:
             return
         places = grid.node_places
-        quadric = quadric_through(places, inverse, inside)
+        quadric = quadric_through(places, self._inverse, inside)
         smooth = self._nodes.phase(quadric.at(*places))
         coarse = self._phase - smooth
         inside, surface = inside & self._whole, inside

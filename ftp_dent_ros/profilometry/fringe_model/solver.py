@@ -152,7 +152,8 @@ class Solver:
         wave, slope, residual, weight = self._misfit(fit)
         if is_robust:
             in_noise = residual * np.sqrt(weight)
-            weight *= _redescending(in_noise * in_noise, self.grid.at_bins(self._scale(in_noise)))
+            scale = np.maximum(self._scale(in_noise), np.float32(ROUNDING))
+            weight *= _redescending(in_noise * in_noise, self.grid.at_bins(scale))
         weight *= self._weight
         slope *= fit.amplitude
         windows = Windows(self.grid, wave, slope, weight)
@@ -213,7 +214,7 @@ class Solver:
 
     def _learned(self, fit, numbered, model, residual) -> FringeFit:
         """The fit with response and noise as every few bins together show them (eqs. 4, 5)."""
-        scale = self.grid.at_bins(self._scale(residual))
+        scale = self.grid.at_bins(np.maximum(self._scale(residual), np.float32(ROUNDING)))
         bins = fit.phase, fit.level, fit.amplitude, self._weight, numbered, model, residual, scale
         phase, level, amplitude, weight, numbered, model, residual, scale = (
             each[::_EVERY, ::_EVERY].ravel() for each in bins
@@ -282,7 +283,7 @@ class Solver:
 
 def _redescending(square: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[Any]:
     """Weights of squared residuals (eq. 5)."""
-    far = square / (np.float32(_REDESCENDS**2) * np.maximum(scale, np.float32(ROUNDING)))
+    far = square / (np.float32(_REDESCENDS**2) * scale)
     far += 1
     far *= far
     return 1 / far
