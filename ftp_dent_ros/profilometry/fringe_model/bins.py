@@ -271,8 +271,8 @@ def _means(values: NDArray[np.float32], count: int) -> Any:
 
 def _gaussian(values: Any, sigma_u: float, sigma_v: float) -> Any:
     """Gaussian, beyond whose values there is nothing."""
-    # OpenCV takes the size for 0 from the deviation.
-    size = int(not sigma_u), int(not sigma_v)
+    # Beyond three deviations hardly anything counts.
+    size = [2 * math.ceil(3 * each) + 1 for each in (sigma_u, sigma_v)]
     return cv2.GaussianBlur(
         values, size, sigmaX=sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_CONSTANT
     )
