@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ftp_dent_ros.cloud.cloud import Cloud
 from ftp_dent_ros.pattern.pattern import Pattern
 from ftp_dent_ros.photograph.photograph import Photograph
-from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH
+from ftp_dent_ros.profilometry.fringe_model.bins import WIDTH, smoothed
 from ftp_dent_ros.profilometry.fringe_model.waveform import Waveform
 from ftp_dent_ros.profilometry.phase_geometry import PhaseGeometry
 from ftp_dent_ros.rig.rig import Rig
@@ -151,8 +151,4 @@ def _modelled(
 
 def _blurred(plane: NDArray, wide: float) -> Any:
     """Gaussian means; what is outside is zero. Wide ones see no more on a coarser grid."""
-    size, each = plane.shape[::-1], max(int(wide), 1)
-    few = tuple(-(-n // each) for n in size)
-    coarse = cv2.resize(plane.astype(np.float32), few, interpolation=cv2.INTER_AREA)
-    coarse = cv2.GaussianBlur(coarse, (0, 0), wide / each, borderType=cv2.BORDER_CONSTANT)
-    return cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR)
+    return smoothed(plane.astype(np.float32, copy=False), (wide, wide), 2 * [max(int(wide), 1)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -151,17 +152,11 @@ class BinGrid:
         self, nodes: NDArray[np.float32], fringes: float, along_v: float | None = None
     ) -> NDArray[np.float32]:
         """Gaussian of so many fringes over values at the nodes; of others along v if given."""
-        size, both = nodes.shape[::-1], (fringes, fringes if along_v is None else along_v)
-        sigma_u, sigma_v = both[0] * self.fringe[0] / self.node, both[1] * self.fringe[1]
+        both = fringes, fringes if along_v is None else along_v
+        sigmas = both[0] * self.fringe[0] / self.node, both[1] * self.fringe[1]
         # Wide Gaussians see no more on a coarser grid: there some twice as wide as the windows.
         coarse = [2 ** max(math.frexp(each / (2 * WIDTH))[1] - 1, 0) for each in both]
-        if coarse == [1, 1]:
-            return _gaussian(nodes, sigma_u, sigma_v)
-        columns, rows = (-(-n // each) for n, each in zip(size, coarse, strict=True))
-        few: Any = cv2.resize(nodes, (columns, rows), interpolation=cv2.INTER_AREA)
-        few = _gaussian(few, sigma_u * columns / size[0], sigma_v * rows / size[1])
-        smooth: Any = cv2.resize(few, size, interpolation=cv2.INTER_LINEAR)
-        return smooth
+        return smoothed(nodes, sigmas, coarse)
 
     def around(self, bins: NDArray[np.float32]) -> Any:
         """Means over half a fringe about the bins."""
@@ -260,21 +255,25 @@ def _means(values: NDArray[np.float32], count: int) -> Any:
 
     By pairs, which takes less time than OpenCV's areas; two pairs are a pair of complex numbers.
     """
-    total, left = values, count
+    total, left = values.astype(np.float32, copy=False), count
     while left % 2 == 0:
         pairs = total.view(np.float32 if left % 4 else np.complex64)
         total, left = (pairs[:, ::2] + pairs[:, 1::2]).view(np.float32), left // 2
-    means = sum(total[:, place::left] for place in range(left))
-    means /= count
-    return means
+    return sum(total[:, place::left] for place in range(left)) * np.float32(1 / count)
 
 
-def _gaussian(values: Any, sigma_u: float, sigma_v: float) -> Any:
-    """Gaussian, beyond whose values there is nothing."""
+def smoothed(values: Any, sigmas: Sequence[float], coarse: Sequence[int]) -> Any:
+    """Gaussian along u and v on a grid so many times as coarse; beyond the values is nothing."""
+    if max(coarse) > 1:
+        size = values.shape[::-1]
+        few = [-(-n // each) for n, each in zip(size, coarse, strict=True)]
+        sigmas = [each * n / of for each, n, of in zip(sigmas, few, size, strict=True)]
+        low = smoothed(cv2.resize(values, few, interpolation=cv2.INTER_AREA), sigmas, (1, 1))
+        return cv2.resize(low, size, interpolation=cv2.INTER_LINEAR)
     # Beyond three deviations hardly anything counts.
-    size = [2 * math.ceil(3 * each) + 1 for each in (sigma_u, sigma_v)]
+    box = [2 * math.ceil(3 * each) + 1 for each in sigmas]
     return cv2.GaussianBlur(
-        values, size, sigmaX=sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_CONSTANT
+        values, box, sigmaX=sigmas[0], sigmaY=sigmas[1], borderType=cv2.BORDER_CONSTANT
     )
 
 

@@ -147,8 +147,9 @@ def _shown(
     before = mean.of(change, 0, width / 2)
     fine = before - mean.of(before, width / 2, 0)
     both = fine, mean.of(fine, 0, width)
-    energies = (mean.variance(each / unit, _AVERAGED * width) for each in both)
-    return _white_noise().of_fine(octave, *energies)
+    return _white_noise().of_fine(
+        octave, *(mean.variance(each / unit, _AVERAGED * width) for each in both)
+    )
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,7 @@ class LightNoise:
         unit = np.maximum(powers.mean(axis=0), 1)
         by = np.sqrt(weight) / scale
         # Of four rows instead of all bins, which leave the same.
-        few = np.linalg.qr(
+        few: Any = np.linalg.qr(
             np.column_stack([powers / unit, np.square(residual)]) * by[:, None], 'r'
         )
         parts, _ = nnls(few[:, :3], few[:, 3])
@@ -140,9 +140,9 @@ class LightNoise:
         self, light: NDArray[np.float32], level: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """Inverse variance in light over that at the fringes' level (eq. 5)."""
-        return self._variance(level) / self._variance(light)
-
-    def _variance(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
         sensor, photons, paint = self.parts
-        light = np.abs(light)
-        return (paint * light + photons) * light + (sensor + np.float32(ROUNDING))
+        usual, here = (
+            (paint * x + photons) * x + (sensor + np.float32(ROUNDING))
+            for x in (np.abs(level), np.abs(light))
+        )
+        return usual / here

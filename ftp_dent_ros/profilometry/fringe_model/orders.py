@@ -366,10 +366,9 @@ class OrderLikelihood:
 
     def _words(self, cells: _Cells, orders, scatter, gain):
         """Logarithm for each word, one row high, under each order: (orders, rows, words)."""
-        some = _FEW * self._likelihood(cells, orders, scatter, gain, _FEW * _CELLS)
+        words = _FEW * self._likelihood(cells, orders, scatter, gain, _FEW * _CELLS)
         # A word has the steps before its middle, and as many behind it.
-        words = some.copy()
-        words[..., 1:] += some[..., :-1]
+        words[..., 1:] += words[..., :-1]
         return words
 
     def _likelihood(self, cells: _Cells, orders, scatter, gain, together=1):
@@ -407,8 +406,7 @@ def _precision(noise, scatter):
 def _student(spread: NDArray[np.float32]) -> NDArray[np.float32]:
     """Logarithm of Student's t, but for its scale, at scaled steps x whose 1 + x^2 is given."""
     density: Any = cv2.log(spread.reshape(-1, spread.shape[-1])) if spread.size else spread
-    density *= np.float32(-(_FREEDOM + 1) / 2 * _SAME)
-    return density.reshape(spread.shape)
+    return np.float32(-(_FREEDOM + 1) / 2 * _SAME) * density.reshape(spread.shape)
 
 
 def _code(light: Light, start: Start, bins: float) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -283,7 +283,4 @@ class Solver:
 
 def _redescending(square: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[Any]:
     """Weights of squared residuals (eq. 5)."""
-    far = square / (np.float32(_REDESCENDS**2) * scale)
-    far += 1
-    far *= far
-    return 1 / far
+    return 1 / np.square(1 + square / (np.float32(_REDESCENDS**2) * scale))

@@ -109,7 +109,7 @@ class Waveform:
 
         def chosen(variances: NDArray[np.floating]) -> tuple[float, float]:
             (variance, rise), *_ = np.linalg.lstsq(line, np.append(variances, 0), rcond=None)
-            return max(float(variance), _WIDTHS[0] ** 2), float(rise)
+            return float(max(variance, _WIDTHS[0] ** 2)), float(rise)
 
         variance, rise = chosen(_lowest(_WIDTHS, [left(each) for each in self.in_blurs]) ** 2)
         nearer = [self.in_blur(each**2 * variance, each**2 * rise) for each in _NEARER]
@@ -138,13 +138,11 @@ class Waveform:
 
     def _nearest(self, phase):
         """Index of the nearest sample, and what the phase is beyond it, radians."""
-        place = phase * np.float32(_SAMPLES / math.tau)
-        place -= np.float32(self.start * _SAMPLES / math.tau)
+        turn = _SAMPLES / math.tau
+        place = phase * np.float32(turn) - np.float32(self.start * turn)
         nearest = np.rint(place)
-        place -= nearest
-        place *= np.float32(math.tau / _SAMPLES)
         # In two steps it takes half the time.
-        return nearest.astype(np.int32).astype(np.intp), place
+        return nearest.astype(np.int32).astype(np.intp), (place - nearest) * np.float32(1 / turn)
 
     def corrected(
         self,
