@@ -103,7 +103,8 @@ class PhaseGeometry:
     def per_radian(self, phase: NDArray[np.float32]) -> NDArray[np.float32]:
         """What points move along their rays with the phase, metres; zero where there are none."""
         (near, _), (far, _) = (self.meet(phase + np.float32(half)) for half in (-0.5, 0.5))
-        length = np.sqrt(1 + np.square(self.rays).sum(axis=-1))
+        x, y = self.rays[..., 0], self.rays[..., 1]
+        length = np.sqrt(1 + x * x + y * y)
         moved: NDArray[np.float32] = np.abs(1 / far - 1 / near) * length
         return np.nan_to_num(moved)
 

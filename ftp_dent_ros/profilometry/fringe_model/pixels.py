@@ -105,9 +105,8 @@ class Pixels:
         sure = self._at(sheet.sure, rows, cv2.INTER_NEAREST) > 0
         on &= sure | (self._at(sheet.share, rows) > SHARE)
         x, y = self._rays[rows, :, 0], self._rays[rows, :, 1]
-        point = cloud.points[rows]
         for field, values in (
-            *((point[..., i], each) for i, each in enumerate((x * z, y * z, z))),
+            *((cloud.points[rows, :, i], each) for i, each in enumerate((x * z, y * z, z))),
             (cloud.intensity[rows], amplitude),
             (cloud.sigma[rows], sigma),
             (cloud.resolution[rows], self._resolution * z),
