@@ -40,6 +40,8 @@ class Light:
         divided, too, over the brightest bin's.
     has_stripe : bool
         Whether one fringe has red alone.
+    certain : ndarray or float
+        How much less a bin counts because an edge of paint may lie elsewhere in it.
     """
 
     colours: list[NDArray[np.float32]]
@@ -47,6 +49,7 @@ class Light:
     usable: NDArray[np.float32]
     weight: NDArray[np.float32]
     has_stripe: bool
+    certain: NDArray[np.float32] | float = 1.0
 
     @classmethod
     def of(

@@ -98,7 +98,7 @@ class FringeModel:
         if len(light.colours) > 1:
             lead = lead_of_paint(grid, start.colours, light.shares, colours)
         waveform = self._blurred(light, usable, surfaces.phase, surfaces.known)
-        weight = usable * light.weight
+        weight = usable * light.weight * light.certain
         del light, start  # for the memory that the solver takes
         fit = Solver(grid, grey, usable, weight).solve(surfaces, waveform)
         fit = replace(fit, phase=fit.phase - grid.at_bins(Nearest(colours)(lead)))

@@ -75,11 +75,16 @@ def divide_paint(
         if 3 * np.count_nonzero(near & inside) <= np.count_nonzero(inside):
             return light, start
         paint = _integral([_leaps(fringes, axis, edges[1 - axis]) for axis in (1, 0)])
-        albedo = cells.at_pixels(np.exp(paint - paint[inside].mean()))
-        shown = Light.of(photograph, grid, light.has_stripe, albedo, black)
+        albedo = np.exp(paint - paint[inside].mean())
+        shown = Light.of(photograph, grid, light.has_stripe, cells.at_pixels(albedo), black)
         fitted = fit(shown)
-    before, after = (_unexplained(each.own, lit) for each in (start, fitted))
-    return (shown, fitted) if after < before - math.log(2) else (light, start)
+    if _unexplained(fitted.own, lit) > _unexplained(start.own, lit) - math.log(2):
+        return light, start
+    # An edge may lie anywhere in the cells beside, of an even distribution. Light is read to one
+    # grey level, but there it is off by so much of its own.
+    edge: Any = cv2.morphologyEx(paint, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    off = np.square(grid.binned(cells.at_pixels(edge)) * shown.grey.mean()) / 12
+    return replace(shown, certain=1 / (1 + off)), fitted
 
 
 def _unexplained(fit: LocalFit, lit: NDArray[np.bool_]) -> float:
@@ -126,7 +131,7 @@ class _Fringes:
     ) -> _Fringes:
         """Fringes as the first fit has them, of a smooth contrast."""
         box = np.ones(cells.half_fringe[::-1], np.uint8)
-        about = cv2.dilate(light, box) - cv2.erode(light, box)
+        about = cv2.morphologyEx(light, cv2.MORPH_GRADIENT, box)
         level, swing = (
             grid.smooth_nodes(each, 2 * WIDTH) for each in (start.level, start.amplitude)
         )

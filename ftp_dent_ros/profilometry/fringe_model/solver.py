@@ -115,7 +115,10 @@ class Solver:
         wave, _, residual, precision = self._misfit(fit)
         residual *= np.sqrt(precision)
         scale = self._scale(residual)
-        variance *= scale * np.float32(math.exp(self._followed) / self.grid.bins_in_window)
+        # Light that counts less is not light that is explained worse.
+        variance *= self._scale(residual * np.sqrt(self._weight)) * np.float32(
+            math.exp(self._followed) / self.grid.bins_in_window
+        )
         return replace(
             fit,
             residual=residual,
@@ -135,7 +138,7 @@ class Solver:
         fit = FringeFit(phase, *5 * (light,), waveform, light)
         numbered = grid.repeated(surfaces.known)
         for _ in range(_LEARNED):
-            wave, slope = self._wave(fit, phase)
+            wave, slope = fit.waveform.at(phase, grid.across)
             first = Windows(grid, wave, slope, self._weight).fit(light)
             level, amplitude, shift = (
                 grid.at_bins(each) for each in (first.level, first.amplitude, first.slope)
@@ -184,13 +187,9 @@ class Solver:
         phase = fit.phase - self.grid.at_bins(shift) / 2
         return replace(fit, phase=phase, systematic=shift * shift / 12)
 
-    def _wave(self, fit, phase):
-        """F and its derivative in the blur of the columns."""
-        return fit.waveform.at(phase, self.grid.across)
-
     def _misfit(self, fit):
         """F, its derivative, the light less the model (eq. 1), and the noise's precision there."""
-        wave, slope = self._wave(fit, fit.phase)
+        wave, slope = fit.waveform.at(fit.phase, self.grid.across)
         model = fit.level + fit.amplitude * wave
         return wave, slope, self._light - model, fit.noise.precision(model, fit.level)
 
@@ -215,16 +214,18 @@ class Solver:
     def _learned(self, fit, numbered, model, residual) -> FringeFit:
         """The fit with response and noise as every few bins together show them (eqs. 4, 5)."""
         scale = self.grid.at_bins(np.maximum(self._scale(residual), np.float32(ROUNDING)))
-        bins = fit.phase, fit.level, fit.amplitude, self._weight, numbered, model, residual, scale
         phase, level, amplitude, weight, numbered, model, residual, scale = (
-            each[::_EVERY, ::_EVERY].ravel() for each in bins
+            each[::_EVERY, ::_EVERY].ravel()
+            for each in (
+                *(fit.phase, fit.level, fit.amplitude),
+                *(self._weight, numbered, model, residual, scale),
+            )
         )
         in_noise = np.square(residual) * fit.noise.precision(model, level)
         weight = weight * (numbered & (amplitude > 1)) * _redescending(in_noise, scale)
         size = np.maximum(amplitude, 1)
         waveform = fit.waveform.corrected(phase, residual / size, weight * size * size)
-        noise = LightNoise.of(model, residual, weight, scale)
-        return replace(fit, waveform=waveform, noise=noise)
+        return replace(fit, waveform=waveform, noise=LightNoise.of(model, residual, weight, scale))
 
     def _clearest(self, fit, rest, reference):
         """For each bin the fit of the window that explains its light best (eq. 6).
