@@ -88,7 +88,10 @@ def test_a_dent_on_printed_squares_keeps_its_depth(period):
     bare = Surface((replace(seen.surface.panels[0], dents=()),))
     depth = bare.distance(cloud.points[cloud.valid].astype(float))
     assert np.percentile(depth, 99.95) > 0.8e-3
-    (dent,) = inspect(cloud).dents
+    found = inspect(cloud)
+    (dent,) = (
+        each for each in (*found.dents, *found.others) if np.hypot(*each.position[:2]) < 0.01
+    )
     assert abs(dent.depth.value - 1e-3) < 2 * dent.depth.uncertainty
 
 

@@ -41,7 +41,7 @@ class Light:
     has_stripe : bool
         Whether one fringe has red alone.
     certain : ndarray or float
-        How much less a bin counts because an edge of paint may lie elsewhere in it.
+        Share that a bin counts for: less than 1 where an edge of paint may lie elsewhere.
     """
 
     colours: list[NDArray[np.float32]]
