@@ -80,8 +80,8 @@ def divide_paint(
         fitted = fit(shown)
     if _unexplained(fitted.own, lit) > _unexplained(start.own, lit) - math.log(2):
         return light, start
-    # An edge may lie anywhere in the cells beside, of an even distribution. Light is read to one
-    # grey level, but there it is off by so much of its own.
+    # An edge may lie anywhere in the cells beside, of an even distribution: the light is off by
+    # so much of its level there. Elsewhere it is read to one grey level.
     edge: Any = cv2.morphologyEx(paint, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     off = np.square(grid.binned(cells.at_pixels(edge)) * shown.grey.mean()) / 12
     return replace(shown, certain=1 / (1 + off)), fitted

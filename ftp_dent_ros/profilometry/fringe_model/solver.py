@@ -217,8 +217,14 @@ class Solver:
         phase, level, amplitude, weight, numbered, model, residual, scale = (
             each[::_EVERY, ::_EVERY].ravel()
             for each in (
-                *(fit.phase, fit.level, fit.amplitude),
-                *(self._weight, numbered, model, residual, scale),
+                fit.phase,
+                fit.level,
+                fit.amplitude,
+                self._weight,
+                numbered,
+                model,
+                residual,
+                scale,
             )
         )
         in_noise = np.square(residual) * fit.noise.precision(model, level)
