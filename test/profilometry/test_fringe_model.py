@@ -95,14 +95,24 @@ def test_a_dent_on_printed_squares_keeps_its_depth(period):
     assert abs(dent.depth.value - 1e-3) < 2 * dent.depth.uncertainty
 
 
-@pytest.mark.xfail(reason='0.033 mm off on 87.6 %: edges of paint along troughs of fringes')
-@pytest.mark.parametrize('black', [0, 8])
-def test_the_light_that_a_camera_adds_is_not_that_of_black_paint(black):
+def in_black_paint(black):
+    """Coverage and errors, millimetres, where a camera shows so many levels of no light."""
     seen = printed(PATTERN, 4.0, 0.07)
     seen = replace(seen, image=np.rint(0.85 * seen.image + black).astype(np.uint8))
     cloud, errors, _ = measured(seen)
-    assert (cloud.valid & seen.lit()).sum() / seen.lit().sum() > 0.88
-    assert errors.mean() < 0.01
+    return (cloud.valid & seen.lit()).sum() / seen.lit().sum(), errors.mean()
+
+
+@pytest.mark.xfail(reason='0.033 mm off on 87.6 %: edges of paint along troughs of fringes')
+@pytest.mark.parametrize('black', [0, 8])
+def test_the_light_that_a_camera_adds_is_not_that_of_black_paint(black):
+    covered, error = in_black_paint(black)
+    assert covered > 0.88
+    assert error < 0.01
+
+
+def test_the_light_that_a_camera_adds_costs_nothing_on_black_paint():
+    assert in_black_paint(8) == pytest.approx(in_black_paint(0), rel=0.01)
 
 
 def test_two_skins_one_behind_the_other_are_numbered_by_the_code_or_left_out():
